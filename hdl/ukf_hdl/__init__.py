@@ -1,0 +1,1 @@
+"""Hardware of the UKF core, in Amaranth."""
