@@ -1,0 +1,247 @@
+"""Register map of the core: the one description that hardware, driver, header and docs share."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+__all__ = [
+    "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID",
+    "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
+    "SIZES", "STATUS", "VERSION", "Access", "ErrorCode", "Field", "Register", "Step",
+]  # fmt: skip
+
+DATA_WIDTH = 32
+MAGIC = 0x554B  #: "UK"
+VERSION = 1  #: Revision of this map.
+
+
+class Step(IntEnum):
+    """Steps that the processor starts, and values of STATUS.STATE."""
+
+    IDLE = 0
+    INIT = 1
+    SIG_GEN = 2
+    PREDICT = 3
+    UPDATE = 4
+    COVARIANCE = 5
+
+
+class ErrorCode(IntEnum):
+    """Values of ERROR.CODE."""
+
+    NONE = 0
+    ILLEGAL_STEP = 1
+    NOT_FINITE = 2
+    SINGULAR_OBSERVATION = 3
+    NOT_POSITIVE_DEFINITE = 4
+
+
+class Access(Enum):
+    """What software may do to a field."""
+
+    RO = "ro"  #: Read only.
+    RW = "rw"  #: Read and write.
+    W1S = "w1s"  #: Writing 1 starts an action; reads as 0.
+    RW1C = "rw1c"  #: Set by hardware; writing 1 clears it.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """A named run of bits in a register.
+
+    Parameters
+    ----------
+    name, lsb, width, access, reset, doc
+        Name, position, width, what software may do, value after reset, meaning.
+
+    Raises
+    ------
+    ValueError
+        If the field or its reset value does not fit.
+    """
+
+    name: str
+    lsb: int
+    width: int = 1
+    access: Access
+    reset: int = 0
+    doc: str
+
+    def __post_init__(self) -> None:
+        if self.lsb < 0 or self.width < 1 or self.lsb + self.width > DATA_WIDTH:
+            raise ValueError(f"Field {self.name!r} does not fit {DATA_WIDTH} bits")
+        if self.reset not in range(1 << self.width):
+            raise ValueError(f"Reset value of {self.name!r} does not fit {self.width} bits")
+
+    @property
+    def mask(self) -> int:
+        """Mask of the field in the word."""
+        return ((1 << self.width) - 1) << self.lsb
+
+    def get(self, word: int) -> int:
+        """Extract the field from a register word."""
+        return (word & self.mask) >> self.lsb
+
+    def put(self, value: int) -> int:
+        """Give the word that has the field at a value and all else zero."""
+        return (value << self.lsb) & self.mask
+
+
+@dataclass(frozen=True, kw_only=True)
+class Register:
+    """A word on the bus, made of fields that do not overlap.
+
+    Raises
+    ------
+    ValueError
+        If the offset is not word aligned or two fields overlap.
+    """
+
+    name: str
+    offset: int
+    doc: str
+    fields: tuple[Field, ...]
+
+    def __post_init__(self) -> None:
+        if self.offset % (DATA_WIDTH // 8):
+            raise ValueError(f"Offset of {self.name!r} is not word aligned: {self.offset:#x}")
+        used = 0
+        for field in self.fields:
+            if used & field.mask:
+                raise ValueError(f"Field {self.name}.{field.name} overlaps another field")
+            used |= field.mask
+
+    def __iter__(self) -> Iterator[Field]:
+        return iter(self.fields)
+
+    def __getitem__(self, name: str) -> Field:
+        return next(field for field in self.fields if field.name == name)
+
+
+def _steps(lsb: int, access: Access, doc: str) -> tuple[Field, ...]:
+    """One bit per step."""
+    return tuple(
+        Field(name=step.name, lsb=lsb + step - 1, access=access, doc=doc.format(step.name))
+        for step in Step
+        if step is not Step.IDLE
+    )
+
+
+def _word(name: str, offset: int, access: Access, doc: str, reset: int = 0) -> Register:
+    """A register that is one number."""
+    field = Field(name="VALUE", lsb=0, width=32, access=access, reset=reset, doc=doc)
+    return Register(name=name, offset=offset, doc=doc, fields=(field,))
+
+
+ID = Register(
+    name="ID", offset=0x00, doc="Identification.",
+    fields=(
+        Field(name="MAGIC", lsb=16, width=16, access=Access.RO, reset=MAGIC, doc="Fixed value."),
+        Field(name="VERSION", lsb=0, width=16, access=Access.RO, reset=VERSION,
+              doc="Revision of this map."),
+    ),
+)  # fmt: skip
+SIZES = Register(
+    name="SIZES", offset=0x04, doc="Sizes that the core was generated for.",
+    fields=(
+        Field(name="N", lsb=0, width=8, access=Access.RO, doc="States, n."),
+        Field(name="Q", lsb=8, width=8, access=Access.RO, doc="Process noise terms, q."),
+        Field(name="R", lsb=16, width=8, access=Access.RO, doc="Observation noise terms, r."),
+        Field(name="M", lsb=24, width=8, access=Access.RO, doc="Observations, m."),
+    ),
+)  # fmt: skip
+CONFIG = Register(
+    name="CONFIG", offset=0x08, doc="How the core was generated.",
+    fields=(
+        Field(name="PES", lsb=0, width=8, access=Access.RO, doc="Processing elements."),
+        Field(name="EXPONENT_BITS", lsb=8, width=4, access=Access.RO, doc="Number format."),
+        Field(name="FRACTION_BITS", lsb=12, width=6, access=Access.RO, doc="Number format."),
+        Field(name="COVARIANCE_FORM", lsb=18, access=Access.RO,
+              doc="0: square-root form, 1: covariance form."),
+        Field(name="ADDITIVE_Q", lsb=19, access=Access.RO, doc="Process noise is additive."),
+        Field(name="ADDITIVE_R", lsb=20, access=Access.RO, doc="Observation noise is additive."),
+    ),
+)  # fmt: skip
+CONTROL = Register(
+    name="CONTROL", offset=0x0C, doc="Control.",
+    fields=(
+        Field(name="ENABLE", lsb=0, access=Access.RW,
+              doc="Steps may start. A write that sets it may start a step as well."),
+        Field(name="RESET", lsb=1, access=Access.W1S,
+              doc="Drop a running step and forget INIT; x and L keep their last good values. "
+                  "Wins over a start bit of the same write."),
+        *_steps(8, Access.W1S, "Start {}."),
+    ),
+)  # fmt: skip
+STATUS = Register(
+    name="STATUS", offset=0x10, doc="Status.",
+    fields=(
+        Field(name="STATE", lsb=0, width=3, access=Access.RO,
+              doc="Step that is running, 0 when idle."),
+        Field(name="INITIALISED", lsb=3, access=Access.RO, doc="INIT has succeeded."),
+        Field(name="POINTS", lsb=4, access=Access.RO,
+              doc="X holds sigma points of the estimate: PREDICT may start."),
+        Field(name="RESIDUALS", lsb=5, access=Access.RO,
+              doc="PREDICT was the last step that changed the estimate: UPDATE uses its residuals."),
+        Field(name="GATED", lsb=6, access=Access.RO,
+              doc="The last UPDATE was rejected: its NIS exceeded the gate."),
+        *_steps(8, Access.RO, "{} has ended, well or not, and has not been started since."),
+    ),
+)  # fmt: skip
+ERROR = Register(
+    name="ERROR", offset=0x14, doc="Last error; cleared when a step starts, and by RESET.",
+    fields=(
+        Field(name="CODE", lsb=0, width=8, access=Access.RO,
+              doc="0 none, 1 illegal step, 2 NaN or infinity, 3 singular innovation covariance, "
+                  "4 covariance not positive definite."),
+        Field(name="INDEX", lsb=8, width=8, access=Access.RO,
+              doc="Row of the bad pivot: of z for code 3, of x for code 4."),
+    ),
+)  # fmt: skip
+INTERRUPT_ENABLE = Register(
+    name="INTERRUPT_ENABLE", offset=0x18, doc="Events that raise `irq`.",
+    fields=(
+        Field(name="DONE", lsb=0, access=Access.RW, doc="A step has ended, well or not."),
+        Field(name="ERROR", lsb=1, access=Access.RW, doc="An error has been recorded."),
+    ),
+)  # fmt: skip
+INTERRUPT_PENDING = Register(
+    name="INTERRUPT_PENDING", offset=0x1C,
+    doc="Events seen. An event on the clock of a clear is not lost.",
+    fields=(
+        Field(name="DONE", lsb=0, access=Access.RW1C, doc="A step has ended, well or not."),
+        Field(name="ERROR", lsb=1, access=Access.RW1C, doc="An error has been recorded."),
+    ),
+)  # fmt: skip
+CYCLES = _word("CYCLES", 0x20, Access.RO, "Clocks from start to end of the last step.")
+MASK = _word(
+    "MASK", 0x24, Access.RW, "Bit i takes observation i into UPDATE.", reset=0xFFFF_FFFF
+)
+NIS_LOW = _word(
+    "NIS_LOW", 0x28, Access.RO, "Normalised innovation squared of the last UPDATE, a number."
+)
+NIS_HIGH = _word("NIS_HIGH", 0x2C, Access.RO, "Its upper half, for formats of 64 bits.")
+GATE_LOW = _word(
+    "GATE_LOW", 0x30, Access.RW,
+    "UPDATE is rejected when NIS exceeds this number; infinity, the reset value, is off.",
+)  # fmt: skip
+GATE_HIGH = _word("GATE_HIGH", 0x34, Access.RW, "Its upper half, for formats of 64 bits.")
+
+REGISTERS = (
+    ID, SIZES, CONFIG, CONTROL, STATUS, ERROR, INTERRUPT_ENABLE, INTERRUPT_PENDING, CYCLES, MASK,
+    NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH,
+)  # fmt: skip
+
+
+def markdown() -> str:
+    """Render the map as a Markdown table."""
+    rows = ["| Offset | Register | Bits | Field | Access | Reset | Meaning |",
+            "|-------:|----------|-----:|-------|--------|------:|---------|"]  # fmt: skip
+    for register in REGISTERS:
+        for field in sorted(register, key=lambda field: -field.lsb):
+            bits = f"{field.lsb + field.width - 1}:{field.lsb}" if field.width > 1 else field.lsb
+            rows.append(
+                f"| `{register.offset:#04x}` | `{register.name}` | {bits} | `{field.name}` "
+                f"| {field.access.value} | `{field.reset:#x}` | {field.doc} |"
+            )
+    return "\n".join(rows) + "\n"
