@@ -1,0 +1,252 @@
+"""Where every vector lives in the memories of the processing elements.
+
+Every matrix row is a vector: element ``k`` lies in lane ``k mod P``, beat ``k div P``, and the
+beats of a vector are consecutive addresses, the same in every lane. The rows of sigma points and
+of residuals share one set of columns::
+
+    additive r noise | sigma points | right-hand side | additive q noise
+
+so that the residual matrix ``E`` of the design, with the innovation as one more column, can be
+formed in place, column by column.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.engine.constants import noise_coefficients, state_coefficients, weights
+from ukf_sw.parameters import Form, UkfParams
+
+__all__ = ["BANK_FACTOR", "BANK_NONE", "BANK_STATE", "Layout", "Vector", "Word"]
+
+BANK_NONE, BANK_STATE, BANK_FACTOR = range(3)
+
+#: Address of a word in every lane, and the bank bit that completes it.
+Word = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A run of columns in the memories.
+
+    Parameters
+    ----------
+    name
+        For messages.
+    address
+        Address of the first beat, in every lane.
+    first, beats
+        The beats that exist. Columns below or above are not stored.
+    pes
+        Number of lanes.
+    bank
+        Which bank bit completes its addresses.
+    """
+
+    name: str
+    address: int
+    first: int
+    beats: int
+    pes: int
+    bank: int = BANK_NONE
+
+    def word(self, beat: int) -> Word:
+        """Address of a beat.
+
+        Raises
+        ------
+        IndexError
+            If the vector has no such beat.
+        """
+        if not self.first <= beat < self.first + self.beats:
+            raise IndexError(f"{self.name} has no beat {beat!r}")
+        return self.address + beat - self.first, self.bank
+
+    def element(self, column: int) -> tuple[Word, int]:
+        """Address and lane of an element."""
+        return self.word(column // self.pes), column % self.pes
+
+
+class Layout:
+    """The memories of the processing elements of one core.
+
+    The current and the next copy of the state and of its factor differ in the top address bit
+    (:attr:`bank_offset`), so a step commits them by turning a bank bit.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+
+    Attributes
+    ----------
+    sigma, rhs, columns
+        Column of sigma point 0, column of the right-hand side, number of columns.
+    address_width
+        Width of an address within a lane.
+    """
+
+    def __init__(self, params: UkfParams) -> None:
+        self.params = p = params
+        self.sigma = p.additive_r
+        self.rhs = self.sigma + p.N
+        self.columns = self.rhs + 1 + p.additive_q
+        #: Column of the right-hand side in a row of the joint covariance.
+        self.joint_rhs = p.m + p.n
+        self.address_width = 1
+        while not self._place():
+            self.address_width += 1
+
+    def _place(self) -> bool:
+        """Give every vector a place; False if the memories are too small for them."""
+        p = self.params
+        full, to_rhs, points = (0, self.columns), (0, self.rhs + 1), (self.sigma, self.rhs)
+        self._constants: list[tuple[Vector, NDArray[np.float64]]] = []
+        self._next = 0
+        self._banked = 0
+
+        # Banked vectors come first: they start both halves of the memory.
+        #: State estimate, one element per state.
+        self.x = self._vector("x", (0, p.n), BANK_STATE)
+        #: Rows of the factor of its covariance.
+        self.L = self._vectors("L", p.n, (0, p.n), BANK_FACTOR)
+        self._banked = self._next
+        #: Sigma points: of the state, of the noises, of the observation. The columns beside them
+        #: hold the factors of additive noise, and in Z the measurement as right-hand side.
+        self.X = self._vectors("X", p.n, full)
+        self.W = self._vectors("W", p.augmented_q, points)
+        self.V = self._vectors("V", p.augmented_r, points)
+        self.Z = self._vectors("Z", p.m, to_rhs)
+        #: Covariance, and the factors of augmented noise.
+        self.P = self._vectors("P", p.n, (0, p.n))
+        self.LQ = self._vectors("LQ", p.augmented_q, (0, p.augmented_q))
+        self.LR = self._vectors("LR", p.augmented_r, (0, p.augmented_r))
+        #: Weighted residuals of the prediction, which an update leaves as they are.
+        self.Ex = self._vectors("Ex", p.n, full)
+        #: Weighted residuals of the observation.
+        self.Ez = self._vectors("Ez", p.m, to_rhs)
+        joint = (0, self.joint_rhs + 1)
+        covariance = p.form is Form.COVARIANCE
+        #: Upper rows of the joint covariance of observation and state; those of the state are
+        #: the prediction's and an update leaves them as they are.
+        self.Az = self._vectors("Az", p.m if covariance else 0, joint)
+        self.Ax = self._vectors("Ax", p.n if covariance else 0, joint)
+        #: State rows while they are eliminated.
+        self.G = self._vectors("G", p.n, joint if covariance else full)
+        #: 1/sqrt of every pivot, the same in every lane.
+        self.roots = self._vectors("root", p.m + p.n, (0, p.pes))
+
+        scale = np.sqrt(weights(p))
+        self.weights = self._constant("weights", points, weights(p))
+        self.ones = self._constant("ones", full, self._spread(1.0))
+        self.scale = self._constant("scale", points, scale)
+        self.scale_redrawn = self._constant("scale_redrawn", full, self._spread(scale))
+        self.unit = self._constant("unit", (0, p.pes), np.ones(p.pes))
+        self.state_sigma = [
+            self._constant(f"state_sigma[{j}]", (self.sigma, self.sigma + p.n + 2), row)
+            for j, row in enumerate(state_coefficients(p))
+        ]
+        self.noise_sigma = [
+            self._constant(f"noise_sigma[{j}]", points, row)
+            for j, row in enumerate(noise_coefficients(p))
+        ]
+        return self._next <= self.depth
+
+    def _spread(self, points: float | NDArray[np.float64]) -> NDArray[np.float64]:
+        """A row of all columns: values at the sigma points, 1 at the right-hand side, else 0."""
+        row = np.zeros(self.columns)
+        row[self.sigma : self.rhs] = points
+        row[self.rhs] = 1.0
+        return row
+
+    def _vector(self, name: str, columns: tuple[int, int], bank: int = BANK_NONE) -> Vector:
+        """Place a vector that has the columns from the first up to the last, exclusive."""
+        pes = self.params.pes
+        first = columns[0] // pes
+        beats = -(-columns[1] // pes) - first
+        start, stop = self.bank_offset, self.bank_offset + self._banked
+        if self._next < stop and self._next + beats > start:  # the other bank is in the way
+            self._next = stop
+        vector = Vector(name, self._next, first, beats, pes, bank)
+        self._next += beats
+        return vector
+
+    def _vectors(
+        self, name: str, rows: int, columns: tuple[int, int], bank: int = BANK_NONE
+    ) -> list[Vector]:
+        return [self._vector(f"{name}[{i}]", columns, bank) for i in range(rows)]
+
+    def _constant(
+        self,
+        name: str,
+        columns: tuple[int, int],
+        values: NDArray[np.float64],
+    ) -> Vector:
+        """Place a vector of fixed contents; lanes beside its columns hold zero."""
+        vector = self._vector(name, columns)
+        row = np.zeros(vector.beats * self.params.pes)
+        start = columns[0] - vector.first * self.params.pes
+        row[start : start + len(values)] = values
+        self._constants.append((vector, row))
+        return vector
+
+    @property
+    def bank_offset(self) -> int:
+        """Distance of the two banks: the top address bit."""
+        return 1 << (self.address_width - 1)
+
+    @property
+    def depth(self) -> int:
+        """Words in each lane."""
+        return 1 << self.address_width
+
+    @property
+    def used(self) -> int:
+        """Words in each lane up to the last one in use."""
+        return max(self._next, self.bank_offset + self._banked)
+
+    def initial_words(self) -> NDArray[np.uint64]:
+        """Contents of the memories before the first step, shape (pes, depth): the constants."""
+        words = np.zeros((self.params.pes, self.depth), dtype=np.uint64)
+        for vector, row in self._constants:
+            beats = self.params.format.encode(row).reshape(vector.beats, self.params.pes)
+            words[:, vector.address : vector.address + vector.beats] = beats.T
+        return words
+
+    def buffer_vector(self, symbol: str, row: int) -> tuple[Vector, int]:
+        """Find the vector that holds a row of a buffer region, and the column of its element 0.
+
+        ``z`` is not a vector but a column, the right-hand side of Z: see :meth:`buffer_location`.
+        """
+        p = self.params
+        if symbol in ("W", "V", "X", "Z"):
+            return getattr(self, symbol)[row], self.sigma
+        if symbol == "x":
+            return self.x, 0
+        if symbol == "LQ" and p.additive_q:
+            return self.X[row], self.rhs + 1
+        if symbol == "LR" and p.additive_r:
+            return self.Z[row], 0
+        return getattr(self, symbol)[row], 0
+
+    def buffer_location(
+        self, symbol: str, row: int, column: int, *, state_bank: int = 0, factor_bank: int = 0
+    ) -> tuple[int, int]:
+        """Find the lane and the address of an element of a buffer region.
+
+        Parameters
+        ----------
+        symbol, row, column
+            Region of :class:`ukf_sw.memory_map.MemoryMap` and element.
+        state_bank, factor_bank
+            Which copies of x and of L are the current ones.
+        """
+        if symbol == "z":
+            vector, offset = self.Z[column], self.rhs
+            column = 0
+        else:
+            vector, offset = self.buffer_vector(symbol, row)
+        (address, bank), lane = vector.element(offset + column)
+        turned = {BANK_NONE: 0, BANK_STATE: state_bank, BANK_FACTOR: factor_bank}[bank]
+        return lane, address + turned * self.bank_offset
