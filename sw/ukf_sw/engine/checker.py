@@ -38,7 +38,7 @@ def check_schedule(
     pes, pipeline
         The array that is to execute it.
     registers
-        Place of every scalar in the scalar file; None: each has its own.
+        Place in the scalar file of the scalars that are kept; None: each has its own.
 
     Raises
     ------
@@ -85,7 +85,8 @@ def check_schedule(
             expected[index, place] = producer[operation.scalar]
         if operation.result is not None:
             producer[operation.result] = index
-            writes[end].append((register(operation.result), index))
+            if registers is None or operation.result in registers:
+                writes[end].append((register(operation.result), index))
         written = [(operation.destination, end, operation.lanes)]
         written.append((operation.root, end + pipeline.reciprocal_sqrt, (1 << pes) - 1))
         for word, clock, lanes in written:

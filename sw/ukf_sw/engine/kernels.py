@@ -36,11 +36,15 @@ class Row:
         """Vector that holds a beat now."""
         return self._target if beat in self._moved else self._source
 
-    def move(self, beat: int) -> tuple[Word, Word]:
-        """Words to write and to read for a beat that is about to change."""
+    def change(self, beat: int, lanes: int, every_lane: int) -> tuple[Word, Word, int]:
+        """Word to write, word to read and lanes to write for a beat that is about to change.
+
+        A beat that moves takes all of its lanes along.
+        """
         source = self.word(beat)
         self._moved.add(beat)
-        return self.word(beat), source
+        target = self.word(beat)
+        return target, source, lanes if target == source else every_lane
 
 
 def inner(builder: ProgramBuilder, a: Row, b: Row, columns: Columns) -> list[tuple[Word, Word, int]]:
@@ -161,6 +165,7 @@ def trisolve(
         L_ij by (i, j), the diagonal included where it is stored.
     """
     L: dict[tuple[int, int], Scalar] = {}
+    every_lane = (1 << builder.layout.params.pes) - 1
     for j in range(first, last):
         dots, changed = pivots(j)
         others = range(j + 1, len(rows))
@@ -176,14 +181,16 @@ def trisolve(
             )
             t = {i: builder.load(rows[j].vector(i // pes), i) for i in others}
         if others:
-            for beat, lanes in builder.lanes_by_beat(changed).items():
-                builder.multiply_beat(*rows[j].move(beat), roots[j].word(0), lanes)
+            for beat, changing in builder.lanes_by_beat(changed).items():
+                target, source, lanes = rows[j].change(beat, changing, every_lane)
+                builder.multiply_beat(target, source, roots[j].word(0), lanes)
         for i in others:
             L[i, j] = builder.scale(t[i], roots[j], store=factor(i, j))
             kept = changed if gram_schmidt else [(max(a, i), b) for a, b in changed]
-            for beat, lanes in builder.lanes_by_beat(kept).items():
+            for beat, changing in builder.lanes_by_beat(kept).items():
                 q = rows[j].word(beat)
-                builder.axpy_beat(*rows[i].move(beat), L[i, j], q, lanes, subtract=True)
+                target, source, lanes = rows[i].change(beat, changing, every_lane)
+                builder.axpy_beat(target, source, L[i, j], q, lanes, subtract=True)
         if (store := factor(j, j)) is not None:
             L[j, j] = builder.scale(d, roots[j], store=store)
     return L

@@ -139,12 +139,7 @@ def _predict(b: ProgramBuilder) -> None:
 def _update_redrawn(b: ProgramBuilder) -> None:
     layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
     # Sigma points that SIG_GEN did not write, for they equal x.
-    drawn = b.lanes_by_beat([(layout.sigma, layout.sigma + p.n + 2)])
-    rest = [
-        (max(beat * p.pes, layout.sigma), min((beat + 1) * p.pes, layout.rhs))
-        for beat in b.lanes_by_beat(columns.sigma)
-        if beat not in drawn
-    ]
+    rest = [(layout.sigma + p.n + 2, layout.rhs)]
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
         state = b.load(layout.x, i)
         b.axpy(points, None, state, layout.ones, rest)

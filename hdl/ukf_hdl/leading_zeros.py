@@ -1,0 +1,77 @@
+"""Leading zeros and left shifts in digits of two bits, as LUTs of six inputs like them."""
+
+from amaranth import Cat, Signal
+
+__all__ = ["normalisation_digits", "shift_left_digit"]
+
+
+def normalisation_digits(m, value):
+    """Count leading zeros in groups of four.
+
+    Parameters
+    ----------
+    m : :class:`Module`
+        Module to add logic to.
+    value : :class:`Signal`
+        Number of up to 64 bits.
+
+    Returns
+    -------
+    (sixteens, fours, is_zero)
+        A shift to the left by :py:`16 * sixteens + 4 * fours` brings the leading one into the top
+        four bits. If the number is zero, only :py:`is_zero` has a meaning.
+    """
+    top = len(value)
+    groups = [value[max(0, end - 4) : end].any() for end in range(top, 0, -4)]
+    blocks = [groups[start : start + 4] for start in range(0, len(groups), 4)]
+
+    # The digit of every block is found before it is known which block counts.
+    any_set = Signal(len(blocks))
+    digits = [_first(m, Cat(*block), f"fours_{index}") for index, block in enumerate(blocks)]
+    m.d.comb += any_set.eq(Cat(Cat(*block).any() for block in blocks))
+
+    sixteens = _first(m, any_set, "sixteens")
+    fours = Signal(2)
+    with m.Switch(sixteens):
+        for index, digit in enumerate(digits):
+            with m.Case(index):
+                m.d.comb += fours.eq(digit)
+    return sixteens, fours, ~any_set.any()
+
+
+def shift_left_digit(m, value, digit, unit):
+    """Shift to the left by :py:`digit * unit`; bits shifted out are lost.
+
+    Parameters
+    ----------
+    m : :class:`Module`
+        Module to add logic to.
+    value : :class:`Signal`
+        Number to shift.
+    digit : :class:`Signal`
+        Number of units.
+    unit : :class:`int`
+        Bits of one unit.
+
+    Returns
+    -------
+    :class:`Signal`
+        Shifted number, of the same width.
+    """
+    shifted = Signal(len(value), name=f"shifted_left_{unit}")
+    with m.Switch(digit):
+        for count in range(1 << len(digit)):
+            with m.Case(count):
+                m.d.comb += shifted.eq(value << (count * unit))
+    return shifted
+
+
+def _first(m, flags, name):
+    """Index of the lowest set bit of up to four; the last index if none is set."""
+    last = len(flags) - 1
+    index = Signal(range(max(2, last + 1)), name=name)
+    m.d.comb += index.eq(last)
+    for position in reversed(range(last)):
+        with m.If(flags[position]):
+            m.d.comb += index.eq(position)
+    return index

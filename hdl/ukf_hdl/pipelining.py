@@ -1,0 +1,56 @@
+"""Optional registers along a datapath."""
+
+from amaranth import Signal
+
+__all__ = ["Pipeline"]
+
+
+class Pipeline:
+    """Places the pipeline registers of a unit.
+
+    A unit is written as combinational logic with named places where a register may stand. Which of
+    them do is looked up by the number of stages; registers that find no place go to the output.
+
+    Registers have no reset: what they hold is meaningful only as many clocks after an input as the
+    unit has stages.
+
+    Parameters
+    ----------
+    m : :class:`Module`
+        Module of the unit.
+    stages : :class:`int`
+        Registers between input and output, at least 1. One is at the output.
+    cuts : :class:`dict`
+        Names of the places to use, for each number of stages up to some largest one. An entry for
+        :py:`n` stages has at most :py:`n - 1` names.
+    """
+
+    def __init__(self, m, stages, cuts):
+        self._m = m
+        self._cuts = cuts[min(stages, max(cuts))]
+        self._output_registers = stages - len(self._cuts)
+
+    def uses(self, name):
+        """Whether a register stands at the place of this name."""
+        return name in self._cuts
+
+    def cut(self, name, *values):
+        """Pass values through a register if the place of this name is in use.
+
+        Every value that is used later must go through every place.
+        """
+        if name not in self._cuts:
+            return values
+        return tuple(self._register(value, name) for value in values)
+
+    def output(self, target, value):
+        """Drive an output through the remaining registers."""
+        for _ in range(self._output_registers - 1):
+            value = self._register(value, "output")
+        register = self._register(value, "output")
+        self._m.d.comb += target.eq(register)
+
+    def _register(self, value, name):
+        register = Signal(value.shape(), name=f"{name}_register", reset_less=True)
+        self._m.d.sync += register.eq(value)
+        return register

@@ -1,0 +1,223 @@
+"""All programs of a core, scheduled and encoded: the contents of its program memory."""
+
+import heapq
+from functools import cache
+from typing import NamedTuple
+
+from ukf_sw.engine.control_word import BusSource, ControlFormat
+from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
+from ukf_sw.engine.operations import Kind, Operation, Scalar
+from ukf_sw.engine.programs import Program, build_program
+from ukf_sw.engine.scheduler import Schedule, schedule
+from ukf_sw.engine.timing import Timing
+from ukf_sw.parameters import Pipeline, UkfParams
+
+__all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode"]
+
+#: Clocks of a step beyond those of its program: fetching the first word, noticing the end.
+STEP_OVERHEAD = 3
+
+#: Programs in the order in which they lie in memory. UPDATE_REDRAWN runs on into UPDATE.
+_ORDER = (
+    Program.INIT, Program.SIG_GEN, Program.SIG_GEN_PREDICTED, Program.PREDICT,
+    Program.UPDATE_REDRAWN, Program.UPDATE, Program.COVARIANCE, Program.COVARIANCE_PREDICTED,
+)  # fmt: skip
+
+
+def allocate_scalars(plan: Schedule) -> dict[Scalar, int]:
+    """Give every scalar of a schedule a register, reused once its last reader has read.
+
+    Returns
+    -------
+    dict
+        Register of each scalar that is read, or that nothing else keeps: writing it is what
+        checks that it is finite.
+    """
+    last_read: dict[Scalar, int] = {}
+    for operation, issue in zip(plan.operations, plan.issue, strict=True):
+        if operation.scalar is not None:
+            last_read[operation.scalar] = max(last_read.get(operation.scalar, 0), issue)
+    born: list[tuple[int, int, Scalar]] = []
+    for operation, issue in zip(plan.operations, plan.issue, strict=True):
+        scalar = operation.result
+        if scalar is not None and (scalar in last_read or operation.destination is None):
+            written = issue + plan.timing.result(operation.kind, len(operation.beats))
+            born.append((written, scalar.number, scalar))
+    registers: dict[Scalar, int] = {}
+    free: list[int] = []
+    busy: list[tuple[int, int]] = []
+    count = 0
+    for written, _, scalar in sorted(born, key=lambda entry: entry[:2]):
+        while busy and busy[0][0] <= written:
+            heapq.heappush(free, heapq.heappop(busy)[1])
+        if free:
+            register = heapq.heappop(free)
+        else:
+            register, count = count, count + 1
+        registers[scalar] = register
+        # A register that nobody reads is free again on the next clock.
+        heapq.heappush(busy, (last_read.get(scalar, written + 1), register))
+    return registers
+
+
+class ProgramCode(NamedTuple):
+    """A program, scheduled.
+
+    Parameters
+    ----------
+    plan
+        Its schedule.
+    registers
+        Place of its scalars in the scalar file.
+    """
+
+    plan: Schedule
+    registers: dict[Scalar, int]
+
+
+class Microcode:
+    """Program memory of a core; use :func:`microcode`, which makes it once.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+    pipeline
+        How it is built.
+
+    Attributes
+    ----------
+    layout : Layout
+    timing : Timing
+    programs : dict of Program to ProgramCode
+    lane_sets : tuple of int
+        Sets of lanes, as bit masks, that control words refer to by number.
+    scalars : int
+        Depth of the scalar file.
+    format : ControlFormat
+    words : list of int
+        Control words.
+    entry : dict of Program to int
+        Address of the first word of each program.
+    """
+
+    def __init__(self, params: UkfParams, pipeline: Pipeline) -> None:
+        self.params = params
+        self.pipeline = pipeline
+        self.layout = Layout(params)
+        self.timing = Timing(params.pes, pipeline)
+        self.programs: dict[Program, ProgramCode] = {}
+        for program in _ORDER:
+            plan = schedule(build_program(self.layout, program), self.timing)
+            self.programs[program] = ProgramCode(plan, allocate_scalars(plan))
+        self.scalars = 1 + max(
+            max(code.registers.values(), default=0) for code in self.programs.values()
+        )
+        every_lane = (1 << params.pes) - 1
+        sets = {every_lane}
+        for code in self.programs.values():
+            for operation in code.plan.operations:
+                if operation.destination is not None:
+                    sets.add(operation.lanes)
+                if operation.kind is Kind.DOT:
+                    sets.update(beat.lanes for beat in operation.beats)
+        self.lane_sets = tuple(sorted(sets))
+        self.format = ControlFormat(
+            address_width=self.layout.address_width,
+            scalar_width=max((self.scalars - 1).bit_length(), 1),
+            lane_sets=len(self.lane_sets),
+            pes=params.pes,
+            observations=params.m,
+            rows=params.m + params.n,
+        )
+        self.words: list[int] = []
+        self.entry: dict[Program, int] = {}
+        for program in _ORDER:
+            self.entry[program] = len(self.words)
+            words = self._encode(self.programs[program])
+            if program is not Program.UPDATE_REDRAWN:
+                words[-1] |= self.format.encode({"last": 1})
+            self.words += words
+
+    def clocks(self, program: Program) -> int:
+        """Clocks from the start of a step to its end, when it runs a program."""
+        clocks = self.programs[program].plan.length + STEP_OVERHEAD
+        if program is Program.UPDATE_REDRAWN:
+            clocks += self.programs[Program.UPDATE].plan.length
+        return clocks
+
+    def _encode(self, code: ProgramCode) -> list[int]:
+        words = [0] * code.plan.length
+        numbers = {lanes: number for number, lanes in enumerate(self.lane_sets)}
+        for operation, issue in zip(code.plan.operations, code.plan.issue, strict=True):
+            clock = issue
+            for k, beat in enumerate(operation.beats):
+                clock = issue + k * self.timing.beat_interval
+                values: dict[str, int] = {}
+                if beat.word_0 is not None:
+                    values |= _banked("address_0", "bank_{}_0", beat.word_0)
+                if beat.word_1 is not None:
+                    values["address_1"] = beat.word_1[0]
+                    values["bank_factor_1"] = beat.word_1[1] == BANK_FACTOR
+                if operation.scalar is not None:
+                    values["use_scalar"] = 1
+                    values["scalar_address"] = code.registers[operation.scalar]
+                    values["zero"] = beat.word_0 is None
+                    values["subtract"] = operation.subtract
+                elif operation.kind is Kind.MULTIPLY:
+                    values["zero"] = 1
+                elif operation.kind is Kind.DOT:
+                    values |= {"dot": 1, "first": k == 0, "select": numbers[beat.lanes]}
+                else:
+                    values["select"] = beat.lanes.bit_length() - 1
+                words[clock] |= self.format.encode(values)
+            self._encode_writes(code, operation, issue, words, numbers)
+        return words
+
+    def _encode_writes(
+        self,
+        code: ProgramCode,
+        operation: Operation,
+        issue: int,
+        words: list[int],
+        numbers: dict[int, int],
+    ) -> None:
+        clock = issue + self.timing.result(operation.kind, len(operation.beats))
+        values: dict[str, int] = {}
+        if operation.destination is not None:
+            values |= _banked("write_address", "write_bank_{}", operation.destination)
+            values |= {"write": 1, "write_lanes": numbers[operation.lanes]}
+            values["write_bus"] = operation.kind.is_scalar
+        if operation.observation is not None:
+            gate = "bus_observation" if operation.kind.is_scalar else "lanes_observation"
+            values[gate] = 1 + operation.observation
+        if operation.result in code.registers:
+            values["scalar_write"] = 1
+            values["scalar_write_address"] = code.registers[operation.result]
+        if operation.kind is Kind.LOAD:
+            values["bus_source"] = BusSource.LOAD
+        if operation.pivot is not None:
+            values["pivot"] = 1 + operation.pivot
+        values["nis"] = operation.is_nis
+        words[clock] |= self.format.encode(values)
+        if operation.root is not None:
+            root = {
+                "write": 1, "write_bus": 1, "bus_source": BusSource.ROOT,
+                "write_address": operation.root[0], "write_lanes": len(self.lane_sets) - 1,
+            }  # fmt: skip
+            words[clock + self.pipeline.reciprocal_sqrt] |= self.format.encode(root)
+
+
+def _banked(address: str, bank: str, word: Word) -> dict[str, int]:
+    """Fields of an address that a bank bit may complete."""
+    return {
+        address: word[0],
+        bank.format("state"): word[1] == BANK_STATE,
+        bank.format("factor"): word[1] == BANK_FACTOR,
+    }
+
+
+@cache
+def microcode(params: UkfParams, pipeline: Pipeline) -> Microcode:
+    """Give the microcode of a core; equal arguments give the same object."""
+    return Microcode(params, pipeline)

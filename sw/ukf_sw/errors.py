@@ -1,0 +1,156 @@
+"""Errors of the filter, its driver and the core; all of them are a :class:`UkfError`.
+
+Wrong arguments are not among them: those are the usual TypeError and ValueError.
+"""
+
+from ukf_sw.registers import Step
+
+__all__ = [
+    "BusError", "CoreError", "CoreTimeoutError", "IllegalStepError", "NotFiniteError",
+    "NotPositiveDefiniteError", "SingularObservationError", "StepError", "StepLostError",
+    "UkfError", "WrongCoreError",
+]  # fmt: skip
+
+
+class UkfError(Exception):
+    """Something went wrong in the filter or on the way to its core."""
+
+
+class BusError(UkfError):
+    """The core answered an access with an error (SLVERR on AXI).
+
+    Parameters
+    ----------
+    address
+        Byte address of the access.
+    access
+        "read" or "write".
+    """
+
+    def __init__(self, address: int, access: str = "access") -> None:
+        super().__init__(f"The core refused the {access} at address {address:#x}")
+        self.address = address
+        self.access = access
+
+
+class WrongCoreError(UkfError):
+    """The core on the bus is not the one that the parameters describe.
+
+    Parameters
+    ----------
+    field
+        Register field that differs.
+    expected, found
+        Its values.
+    """
+
+    def __init__(self, field: str, expected: int, found: int) -> None:
+        super().__init__(f"{field} of the core must be {expected:#x}, not {found:#x}")
+        self.field = field
+        self.expected = expected
+        self.found = found
+
+
+class StepError(UkfError):
+    """A step did not succeed.
+
+    Parameters
+    ----------
+    message
+        What happened.
+    step
+        The step.
+    """
+
+    def __init__(self, message: str, step: Step) -> None:
+        super().__init__(message)
+        self.step = step
+
+
+class CoreTimeoutError(StepError, TimeoutError):
+    """A step did not end in time. The driver has reset the core, which drops the step.
+
+    The core keeps the last x and the last factor that were committed. If a PREDICT had not been
+    followed by another successful step, that is the predicted x with the factor from before.
+
+    Parameters
+    ----------
+    step
+        The step.
+    timeout
+        How long the driver waited, in seconds.
+    detail
+        What is known beyond that.
+    """
+
+    def __init__(self, step: Step, timeout: float, detail: str) -> None:
+        super().__init__(f"{step.name} did not end within {timeout} s: {detail}", step)
+        self.timeout = timeout
+
+
+class StepLostError(StepError):
+    """A step that had started neither runs nor has ended: something else reset the core."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(
+            f"{step.name} was dropped by a reset that the driver did not ask for", step
+        )
+
+
+class CoreError(StepError):
+    """A step ended with an error code that this software does not know.
+
+    Parameters
+    ----------
+    step
+        The step.
+    code, index
+        Fields of the register ERROR.
+    """
+
+    def __init__(self, step: Step, code: int, index: int) -> None:
+        super().__init__(f"{step.name} ended with the unknown error {code}, index {index}", step)
+        self.code = code
+        self.index = index
+
+
+class IllegalStepError(StepError):
+    """A step was started while one ran, out of sequence, or with the core disabled."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(f"{step.name} must not start in this state of the core", step)
+
+
+class NotFiniteError(StepError):
+    """A step met NaN or infinity. The estimate from before the step stays."""
+
+    def __init__(self, step: Step) -> None:
+        super().__init__(f"{step.name} met NaN or infinity", step)
+
+
+class SingularObservationError(StepError):
+    """The innovation covariance S is singular. The estimate from before the step stays.
+
+    Parameters
+    ----------
+    index
+        Row of S, from 0, that depends on the rows before it.
+    """
+
+    def __init__(self, step: Step, index: int) -> None:
+        super().__init__(f"{step.name}: innovation covariance is singular at row {index}", step)
+        self.index = index
+
+
+class NotPositiveDefiniteError(StepError):
+    """The covariance of the state is not positive definite. The estimate before the step stays.
+
+    Parameters
+    ----------
+    index
+        Row of the bad pivot, from 0.
+    """
+
+    def __init__(self, step: Step, index: int) -> None:
+        super().__init__(f"{step.name}: covariance is not positive definite at row {index}", step)
+        self.index = index

@@ -1,0 +1,622 @@
+"""Golden model of the whole core: registers, control and buffer over the engine's interpreter.
+
+Every word that the bus can read, and every word of the memories, equals the hardware's.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.bus import Addresses, WordCodec, Words
+from ukf_sw.engine.interpreter import Interpreter, RunResult
+from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.programs import Program
+from ukf_sw.errors import BusError
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.registers import (
+    CONFIG,
+    CONTROL,
+    CYCLES,
+    ERROR,
+    GATE_HIGH,
+    GATE_LOW,
+    ID,
+    INTERRUPT_ENABLE,
+    INTERRUPT_PENDING,
+    MASK,
+    NIS_HIGH,
+    NIS_LOW,
+    REGISTERS,
+    SIZES,
+    STATUS,
+    ErrorCode,
+    Register,
+    Step,
+)
+
+__all__ = ["Engine", "GoldenBus", "GoldenCore"]
+
+ALL_BYTES = 0b1111
+WORD_MASK = 0xFFFF_FFFF
+
+_BY_OFFSET = {register.offset: register for register in REGISTERS}
+_STEPS = tuple(step for step in Step if step is not Step.IDLE)
+_OTHER, _STATE, _FACTOR = 1, 2, 3
+_STATE_LSB, _INITIALISED_LSB, _POINTS_LSB, _RESIDUALS_LSB, _GATED_LSB, _DONE_LSB = (
+    STATUS[name].lsb
+    for name in ("STATE", "INITIALISED", "POINTS", "RESIDUALS", "GATED", Step(1).name)
+)
+_ENABLE = CONTROL["ENABLE"].mask
+_RESET = CONTROL["RESET"].mask
+_START = {step: CONTROL[step.name].mask for step in _STEPS}
+
+
+class Engine(Protocol):
+    """What the model needs of an engine; :class:`Interpreter` is one.
+
+    The memory holds numbers; words that are not those of a number as the format rounds it
+    (subnormal ones, NaN) show there as NaN or as subnormal float64 numbers.
+    """
+
+    memory: NDArray[np.float64]
+
+    @property
+    def layout(self) -> Layout:
+        """Where the regions are in the memories."""
+        ...
+
+    def read(self, lane: int, address: int) -> int:
+        """Read a word."""
+        ...
+
+    def write(self, lane: int, address: int, word: int, strobe: int = -1) -> None:
+        """Write the strobed bytes of a word; -1 is all."""
+        ...
+
+    def run(
+        self,
+        program: Program,
+        *,
+        mask: int = -1,
+        state_bank: int = 0,
+        factor_bank: int = 0,
+        stop_after: int | None = None,
+    ) -> RunResult:
+        """Execute a program, or its beginning."""
+        ...
+
+
+def _strobe_bits(strobe: int) -> int:
+    """Bit mask of the strobed bytes of a bus word."""
+    return sum(0xFF << 8 * byte for byte in range(4) if strobe >> byte & 1)
+
+
+class GoldenCore:
+    """The core, seen from its bus.
+
+    A start that is legal runs its whole step at once, so software never sees the step running.
+    Tests that need to see it set :attr:`hold`: then a step that has started runs until
+    :meth:`finish`, refuses what the hardware refuses meanwhile, and a RESET drops it after
+    as many clocks as :meth:`advance` has let pass.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+    pipeline
+        How it is built: decides CYCLES, never results.
+    engine
+        Engine to use instead of an :class:`Interpreter` of these parameters.
+
+    Attributes
+    ----------
+    hold
+        Whether steps wait for :meth:`finish`.
+    initialised, points, predicted, residuals : bool
+        What the memories hold: results of INIT; sigma points of the estimate; the covariance as
+        residuals of a PREDICT rather than as factor; residuals that UPDATE can use.
+    state_bank, factor_bank : int
+        Which copies of x and of its factor are the current ones.
+    """
+
+    def __init__(
+        self,
+        params: UkfParams,
+        pipeline: Pipeline | None = None,
+        *,
+        engine: Engine | None = None,
+    ) -> None:
+        self.params = params
+        self.engine: Engine = Interpreter(params, pipeline) if engine is None else engine
+        self.hold = False
+        self._map = MemoryMap(params)
+        self._codec = WordCodec(params.format)
+        self._register_space = self._map.region_stride
+        self._registers = self._make_registers()
+        self._tabulate()
+
+        self._enable = bool(CONTROL["ENABLE"].reset)
+        self._mask = MASK["VALUE"].reset
+        self._gate = params.format.infinity
+        self._nis = 0
+        self._interrupt_enable = 0
+        self._interrupt_pending = 0
+        self.state_bank = self.factor_bank = 0
+        self._clear()
+
+    def _tabulate(self) -> None:
+        """Find the place of every word of the buffer."""
+        words = 1 << (self._map.address_width - 2)
+        self._kind = np.zeros(words, dtype=np.int8)
+        self._lane = np.zeros(words, dtype=np.int64)
+        self._address = np.zeros(words, dtype=np.int64)
+        kinds = {"x": _STATE, "L": _FACTOR}
+        layout = self.engine.layout
+        for region in self._map:
+            for row in range(region.rows):
+                for column in range(region.columns):
+                    first = self._map.address(region.symbol, row, column) >> 2
+                    lane, address = layout.buffer_location(region.symbol, row, column)
+                    for word in range(first, first + self.params.format.bus_words):
+                        self._kind[word] = kinds.get(region.symbol, _OTHER)
+                        self._lane[word] = lane
+                        self._address[word] = address
+
+    def _make_registers(self) -> dict[int, Callable[[], int]]:
+        """Make functions that read the registers, by offset."""
+        p = self.params
+        sizes = {"N": p.n, "Q": p.q, "R": p.r, "M": p.m}
+        config = {
+            "PES": p.pes,
+            "EXPONENT_BITS": p.format.exponent_bits,
+            "FRACTION_BITS": p.format.fraction_bits,
+            "COVARIANCE_FORM": int(p.form is Form.COVARIANCE),
+            "ADDITIVE_Q": int(p.process_noise is Noise.ADDITIVE),
+            "ADDITIVE_R": int(p.observation_noise is Noise.ADDITIVE),
+        }
+        fixed = {
+            ID: sum(field.put(field.reset) for field in ID),
+            SIZES: sum(SIZES[name].put(value) for name, value in sizes.items()),
+            CONFIG: sum(CONFIG[name].put(value) for name, value in config.items()),
+        }
+        return {
+            ID.offset: lambda: fixed[ID],
+            SIZES.offset: lambda: fixed[SIZES],
+            CONFIG.offset: lambda: fixed[CONFIG],
+            CONTROL.offset: lambda: _ENABLE * self._enable,
+            STATUS.offset: self._status,
+            ERROR.offset: lambda: (
+                ERROR["CODE"].put(self._error_code) | ERROR["INDEX"].put(self._error_index)
+            ),
+            INTERRUPT_ENABLE.offset: lambda: self._interrupt_enable,
+            INTERRUPT_PENDING.offset: lambda: self._interrupt_pending,
+            CYCLES.offset: lambda: self._cycles & WORD_MASK,
+            MASK.offset: lambda: self._mask,
+            NIS_LOW.offset: lambda: self._nis & WORD_MASK,
+            NIS_HIGH.offset: lambda: self._nis >> 32,
+            GATE_LOW.offset: lambda: self._gate & WORD_MASK,
+            GATE_HIGH.offset: lambda: self._gate >> 32,
+        }
+
+    def _clear(self) -> None:
+        """Do what RESET does, a running step apart."""
+        self._step = Step.IDLE
+        self._program: Program | None = None
+        self._done = 0
+        self._error_code = 0
+        self._error_index = 0
+        self._gated = False
+        self._cycles = 0
+        self.initialised = self.points = self.predicted = self.residuals = False
+
+    # The state that tests look at.
+
+    @property
+    def busy(self) -> bool:
+        """Whether a step runs."""
+        return self._step is not Step.IDLE
+
+    @property
+    def irq(self) -> bool:
+        """Interrupt line: high while an enabled event is pending."""
+        return bool(self._interrupt_pending & self._interrupt_enable)
+
+    @property
+    def words(self) -> NDArray[np.uint64]:
+        """Every word of the memories, shape (pes, depth)."""
+        pes, depth = self.engine.memory.shape
+        words = self.params.format.encode(self.engine.memory)
+        special = np.isnan(self.engine.memory) | self._is_tiny(self.engine.memory)
+        for lane, address in np.argwhere(special).tolist():
+            words[lane, address] = self.engine.read(lane, address)
+        return words.reshape(pes, depth)
+
+    def _is_tiny(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return (values != 0.0) & (np.abs(values) < self.params.format.min_normal)
+
+    # Bus accesses.
+
+    def read(self, address: int) -> tuple[int, bool]:
+        """Read a word over the bus.
+
+        Parameters
+        ----------
+        address
+            Byte address; the two low bits do not matter.
+
+        Returns
+        -------
+        data : int
+            The word, 0 with an error.
+        okay : bool
+            False for SLVERR.
+        """
+        address &= ~0b11
+        if 0 <= address < self._register_space:
+            register = self._registers.get(address)
+            return (0, False) if register is None else (register(), True)
+        if self.busy or not self._is_mapped(address):
+            return 0, False
+        data = self.engine.read(*self._place(address))
+        if self._is_high(address):
+            data >>= 32
+        return data & WORD_MASK, True
+
+    def write(self, address: int, data: int, strobe: int = ALL_BYTES) -> bool:
+        """Write a word over the bus.
+
+        Parameters
+        ----------
+        address
+            Byte address; the two low bits do not matter.
+        data
+            The word.
+        strobe
+            Bit i lets byte i be written.
+
+        Returns
+        -------
+        bool
+            False for SLVERR, and nothing has happened then.
+        """
+        address &= ~0b11
+        if 0 <= address < self._register_space:
+            register = _BY_OFFSET.get(address)
+            if register is None:
+                return False
+            self._write_register(register, data & WORD_MASK, _strobe_bits(strobe))
+            return True
+        if self.busy or not self._is_mapped(address):
+            return False
+        if strobe & ALL_BYTES:
+            shift = 4 if self._is_high(address) else 0
+            self.engine.write(
+                *self._place(address),
+                (data & WORD_MASK) << 8 * shift,
+                (strobe & ALL_BYTES) << shift,
+            )
+            self._note_write(int(self._kind[address >> 2]))
+        return True
+
+    def read_many(self, addresses: Addresses) -> Words | None:
+        """Read many words of the buffer; None if :meth:`read` would answer any with SLVERR."""
+        place = self._places(addresses)
+        if place is None:
+            return None
+        values = self.engine.memory[place]
+        # A sum of magnitudes is the quickest way to find NaN; tiny numbers are rare as well.
+        if np.isnan(values).any() or self._is_tiny(values).any():
+            return np.array([self.read(int(address))[0] for address in addresses], dtype=np.uint32)
+        if self.params.format.bus_words == 1:
+            return self._codec.to_words(values)
+        pairs = self._codec.to_words(values).reshape(-1, 2)
+        return pairs[np.arange(len(addresses)), addresses >> 2 & 1]
+
+    def write_many(self, addresses: Addresses, words: Words) -> int:
+        """Write many words of the buffer, in order, up to the first that is refused.
+
+        Returns
+        -------
+        int
+            How many words were written.
+        """
+        place = self._places(addresses)
+        if place is not None and self._write_block(addresses, words, place):
+            return len(addresses)
+        for count, (address, word) in enumerate(
+            zip(addresses.tolist(), words.tolist(), strict=True)
+        ):
+            if not self.write(address, word):
+                return count
+        return len(addresses)
+
+    def _write_block(
+        self,
+        addresses: Addresses,
+        words: Words,
+        place: tuple[NDArray[np.int64], NDArray[np.int64]],
+    ) -> bool:
+        """Write words that are whole, ordinary numbers; False if they are not."""
+        if self.params.format.bus_words == 2:
+            low, high = addresses[::2], addresses[1::2]
+            if len(low) != len(high) or (low & 7).any() or (high != low + 4).any():
+                return False
+            place = (place[0][::2], place[1][::2])
+        words = words & np.uint32(WORD_MASK >> max(32 - self.params.format.width, 0))
+        values = self._codec.from_words(words)
+        if np.isnan(values).any() or (self._codec.to_words(values) != words).any():
+            return False
+        self.engine.memory[place] = values
+        for kind in (_STATE, _FACTOR):
+            if (self._kind[addresses >> 2] == kind).any():
+                self._note_write(kind)
+        return True
+
+    def _places(self, addresses: Addresses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+        """Lanes and addresses in the memories; None if any access would be refused."""
+        index = addresses >> 2
+        if self.busy or (index < 0).any() or (index >= len(self._kind)).any():
+            return None
+        kind = self._kind[index]
+        if not kind.all():
+            return None
+        offset = self.engine.layout.bank_offset
+        turned = np.array([0, 0, self.state_bank * offset, self.factor_bank * offset])
+        return self._lane[index], self._address[index] + turned[kind]
+
+    def _is_mapped(self, address: int) -> bool:
+        """Whether an address, outside of the register block, is an element."""
+        return 0 <= address >> 2 < len(self._kind) and bool(self._kind[address >> 2])
+
+    def _is_high(self, address: int) -> bool:
+        """Whether an address is the upper word of an element."""
+        return self.params.format.bus_words == 2 and bool(address & 4)
+
+    def _place(self, address: int) -> tuple[int, int]:
+        """Lane and address in the memories of an element."""
+        lane, within = int(self._lane[address >> 2]), int(self._address[address >> 2])
+        kind = self._kind[address >> 2]
+        bank = {_STATE: self.state_bank, _FACTOR: self.factor_bank}.get(int(kind), 0)
+        return lane, within + bank * self.engine.layout.bank_offset
+
+    def _note_write(self, kind: int) -> None:
+        """Follow a write to the buffer: what the memories hold has changed."""
+        if kind in (_STATE, _FACTOR):
+            self.points = self.residuals = False
+        if kind == _FACTOR:
+            self.predicted = False
+
+    def _status(self) -> int:
+        return (
+            self._step << _STATE_LSB
+            | self.initialised << _INITIALISED_LSB
+            | self.points << _POINTS_LSB
+            | self.residuals << _RESIDUALS_LSB
+            | self._gated << _GATED_LSB
+            | self._done << _DONE_LSB
+        )
+
+    def _write_register(self, register: Register, data: int, bits: int) -> None:
+        def merge(old: int) -> int:
+            return data & bits | old & ~bits
+
+        if register is CONTROL:
+            self._write_control(data & bits, merge(_ENABLE * self._enable))
+        elif register is INTERRUPT_ENABLE:
+            self._interrupt_enable = merge(self._interrupt_enable) & 0b11
+        elif register is INTERRUPT_PENDING:
+            self._interrupt_pending &= ~(data & bits)
+        elif register is MASK:
+            self._mask = merge(self._mask)
+        elif register is GATE_LOW:
+            self._gate = self._gate & ~WORD_MASK | merge(self._gate & WORD_MASK)
+        elif register is GATE_HIGH:
+            self._gate = self._gate & WORD_MASK | merge(self._gate >> 32) << 32
+
+    # Steps.
+
+    def _write_control(self, actions: int, enable: int) -> None:
+        self._enable = bool(enable & _ENABLE)
+        if actions & _RESET:
+            self._reset()
+            return
+        starts = [step for step in _STEPS if actions & _START[step]]
+        if not starts:
+            return
+        if len(starts) == 1 and self._enable and not self.busy and self._allows(starts[0]):
+            self._start(starts[0])
+        else:
+            self._error_code, self._error_index = int(ErrorCode.ILLEGAL_STEP), 0
+            self._signal("ERROR")
+
+    def _allows(self, step: Step) -> bool:
+        """Whether the sequence of steps allows one now."""
+        match step:
+            case Step.SIG_GEN | Step.COVARIANCE:
+                return self.initialised
+            case Step.PREDICT:
+                return self.points
+            case Step.UPDATE:
+                return self.residuals or self.points
+            case _:
+                return True
+
+    def _start(self, step: Step) -> None:
+        self._error_code = self._error_index = 0
+        self._done &= ~self._done_bit(step)
+        self._cycles = 0
+        if step is Step.UPDATE:
+            self._gated = False
+        if step is Step.SIG_GEN and self.points:
+            self._done |= self._done_bit(step)
+            self._signal("DONE")
+            return
+        self._step = step
+        self._program = {
+            Step.INIT: Program.INIT,
+            Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
+            Step.PREDICT: Program.PREDICT,
+            Step.UPDATE: Program.UPDATE if self.residuals else Program.UPDATE_REDRAWN,
+            Step.COVARIANCE: (
+                Program.COVARIANCE_PREDICTED if self.predicted else Program.COVARIANCE
+            ),
+        }[step]
+        if not self.hold:
+            self.finish()
+
+    @staticmethod
+    def _done_bit(step: Step) -> int:
+        return 1 << (step - 1)
+
+    def _signal(self, event: str) -> None:
+        self._interrupt_pending |= INTERRUPT_PENDING[event].mask
+
+    def _execute(self, stop_after: int | None) -> RunResult:
+        assert self._program is not None
+        return self.engine.run(
+            self._program,
+            mask=self._mask & (1 << self.params.m) - 1,
+            state_bank=self.state_bank,
+            factor_bank=self.factor_bank,
+            stop_after=stop_after,
+        )
+
+    def advance(self, clocks: int) -> None:
+        """Let clocks of a held step pass.
+
+        Raises
+        ------
+        RuntimeError
+            If no step runs.
+        """
+        if not self.busy:
+            raise RuntimeError("A step must run, not STATUS.STATE = IDLE")
+        self._cycles += clocks
+
+    def finish(self) -> None:
+        """Let a held step run to its end.
+
+        Raises
+        ------
+        RuntimeError
+            If no step runs.
+        """
+        if not self.busy or self._program is None:
+            raise RuntimeError("A step must run, not STATUS.STATE = IDLE")
+        result = self._execute(None)
+        step, program = self._step, self._program
+        self._step, self._program = Step.IDLE, None
+        self._cycles = result.clocks
+        self._done |= self._done_bit(step)
+        self._signal("DONE")
+        if result.error_code:
+            self._error_code, self._error_index = result.error_code, result.error_index
+            self._signal("ERROR")
+        self._apply(program, result)
+
+    def _apply(self, program: Program, result: RunResult) -> None:
+        """Commit a step, or not."""
+        success = not result.error_code
+        match program:
+            case Program.INIT:
+                self.initialised = success
+                self.points = self.predicted = self.residuals = False
+            case Program.SIG_GEN | Program.SIG_GEN_PREDICTED:
+                if success:
+                    self.points = True
+                    self.predicted = self.residuals = False
+                    self.factor_bank ^= program is Program.SIG_GEN_PREDICTED
+            case Program.PREDICT:
+                self.points = False
+                self.predicted = self.residuals = success
+                self.state_bank ^= success
+            case Program.UPDATE | Program.UPDATE_REDRAWN:
+                if success:
+                    assert result.nis is not None
+                    magnitude = (1 << (self.params.format.width - 1)) - 1
+                    self._nis = result.nis
+                    self._gated = (self._nis & magnitude) > (self._gate & magnitude)
+                if success and not self._gated:
+                    self.points = True
+                    self.predicted = self.residuals = False
+                    self.state_bank ^= 1
+                    self.factor_bank ^= 1
+                elif program is Program.UPDATE_REDRAWN:
+                    self.points = self.predicted = self.residuals = False
+            case _:
+                pass
+
+    def _reset(self) -> None:
+        """RESET was written."""
+        if self.busy:
+            self._execute(self._cycles)
+        self._clear()
+
+
+class GoldenBus:
+    """A :class:`GoldenCore` as a bus for the driver.
+
+    Parameters
+    ----------
+    core
+        The core.
+    """
+
+    def __init__(self, core: GoldenCore) -> None:
+        self.core = core
+
+    def read(self, address: int) -> int:
+        """Read a word.
+
+        Raises
+        ------
+        BusError
+            If the core answers SLVERR.
+        """
+        data, okay = self.core.read(address)
+        if not okay:
+            raise BusError(address, "read")
+        return data
+
+    def write(self, address: int, word: int) -> None:
+        """Write a word.
+
+        Raises
+        ------
+        BusError
+            If the core answers SLVERR.
+        """
+        if not self.core.write(address, word):
+            raise BusError(address, "write")
+
+    def read_many(self, addresses: Addresses) -> Words:
+        """Read words, shape (k,), at addresses, shape (k,).
+
+        Raises
+        ------
+        BusError
+            If the core answers SLVERR.
+        """
+        words = self.core.read_many(addresses)
+        if words is None:
+            return np.array([self.read(address) for address in addresses.tolist()], np.uint32)
+        return words
+
+    def write_many(self, addresses: Addresses, words: Words) -> None:
+        """Write words, shape (k,), at addresses, shape (k,).
+
+        Raises
+        ------
+        BusError
+            If the core answers SLVERR; the words before are written.
+        """
+        written = self.core.write_many(addresses, words)
+        if written < len(addresses):
+            raise BusError(int(addresses[written]), "write")
+
+    def wait_for_interrupt(self, timeout: float) -> bool:
+        """Tell whether the interrupt line is high; time does not pass in the model."""
+        return self.core.irq

@@ -1,0 +1,577 @@
+import random
+from dataclasses import dataclass, field
+
+import pytest
+from amaranth.sim import Simulator
+
+from ukf_hdl.control import Control
+from ukf_sim.axi4_lite_bench import AccessManager
+from ukf_sw import registers
+from ukf_sw.engine.programs import Program
+from ukf_sw.float_format import BINARY16, BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.registers import (
+    CONFIG, CONTROL, CYCLES, ERROR, GATE_HIGH, GATE_LOW, ID, INTERRUPT_ENABLE, INTERRUPT_PENDING,
+    MASK, NIS_HIGH, NIS_LOW, REGISTERS, SIZES, STATUS, Access, ErrorCode, Step,
+)  # fmt: skip
+
+STEPS = [step for step in Step if step is not Step.IDLE]
+PARAMS = [
+    pytest.param(UkfParams(n=1, m=1), id="smallest"),
+    pytest.param(UkfParams(n=7, m=6, q=7, r=6, pes=10), id="nanosat"),
+    pytest.param(UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half"),
+    pytest.param(
+        UkfParams(
+            n=3, m=2, q=3, r=2, format=BINARY64, process_noise=Noise.ADDITIVE,
+            observation_noise=Noise.ADDITIVE,
+        ),
+        id="double",
+    ),
+]  # fmt: skip
+
+
+def start_bit(step):
+    return CONTROL[step.name].mask
+
+
+@dataclass
+class Model:
+    """What the registers and the steps do, clock by clock; written from the documentation."""
+
+    params: UkfParams
+    words: dict = field(default_factory=dict)
+    step: Step = Step.IDLE
+    program: Program = Program.INIT
+    initialised: int = 0
+    points: int = 0
+    predicted: int = 0
+    residuals: int = 0
+    gated: int = 0
+    ended: set = field(default_factory=set)
+    error: tuple = (0, 0)
+    nis: int = 0
+    cycles: int = 0
+    pending: int = 0
+    state_bank: int = 0
+    factor_bank: int = 0
+    start: int = 0
+    stop: int = 0
+    seen: set = field(default_factory=set)  # kinds of events, to prove that a test meets them
+
+    def __post_init__(self):
+        infinity = self.params.format.infinity
+        self.words = {
+            CONTROL: 0, INTERRUPT_ENABLE: 0, MASK: 0xFFFF_FFFF,
+            GATE_LOW: infinity & 0xFFFF_FFFF, GATE_HIGH: infinity >> 32,
+        }  # fmt: skip
+
+    @property
+    def outputs(self):
+        return {
+            "busy": self.step != Step.IDLE,
+            "irq": bool(self.pending & self.words[INTERRUPT_ENABLE]),
+            "start": self.start,
+            "stop": self.stop,
+            "program": self.program,
+            "observation_mask": self.words[MASK] & ((1 << self.params.m) - 1),
+            "state_bank": self.state_bank,
+            "factor_bank": self.factor_bank,
+        }
+
+    def read(self, address):
+        register = find(address)
+        if register is None:
+            return None
+        if register in self.words:
+            return self.words[register]
+        p = self.params
+        return {
+            ID: registers.MAGIC << 16 | registers.VERSION,
+            SIZES: p.n | p.q << 8 | p.r << 16 | p.m << 24,
+            CONFIG: (
+                p.pes | p.format.exponent_bits << 8 | p.format.fraction_bits << 12
+                | (p.form is Form.COVARIANCE) << 18 | (p.process_noise is Noise.ADDITIVE) << 19
+                | (p.observation_noise is Noise.ADDITIVE) << 20
+            ),
+            STATUS: (
+                self.step | self.initialised << 3 | self.points << 4 | self.residuals << 5
+                | self.gated << 6 | sum(start_bit(step) for step in self.ended)
+            ),
+            ERROR: self.error[0] | self.error[1] << 8,
+            INTERRUPT_PENDING: self.pending,
+            CYCLES: self.cycles,
+            NIS_LOW: self.nis & 0xFFFF_FFFF,
+            NIS_HIGH: self.nis >> 32,
+        }[register]  # fmt: skip
+
+    def clock(self, *, write=None, state_written=False, factor_written=False, done=None):
+        """Advance by a clock; a write takes effect at its end."""
+        events = 0
+        clear = 0
+        gate = self.words[GATE_LOW] | self.words[GATE_HIGH] << 32
+        busy = self.step != Step.IDLE
+        self.start = self.stop = 0
+        self.cycles += busy
+        if state_written:
+            self.points = self.residuals = 0
+        if factor_written:
+            self.points = self.residuals = self.predicted = 0
+        register = find(write[0]) if write else None
+        action = 0
+        if register is not None:
+            mask = sum(0xFF << 8 * i for i in range(4) if write[2] >> i & 1)
+            action = write[1] & mask
+            if register in self.words:
+                legal = sum(f.mask for f in register if f.access is Access.RW)
+                self.words[register] = (self.words[register] & ~mask | action) & legal
+            elif register is INTERRUPT_PENDING:
+                clear = action
+        reset = False
+        if register is CONTROL:
+            reset = bool(action & CONTROL["RESET"].mask)
+            steps = [step for step in STEPS if action & start_bit(step)]
+            if steps and not reset:
+                events |= self._start(steps, busy)
+        if done is not None and busy and not reset:
+            events |= self._end(gate, *done)
+        if reset:
+            self.seen.add("reset while busy" if busy else "reset while idle")
+            if busy and done is not None:
+                self.seen.add("reset on done")
+            self.step, self.stop = Step.IDLE, 1
+            self.initialised = self.points = self.predicted = self.residuals = self.gated = 0
+            self.ended, self.error, self.cycles = set(), (0, 0), 0
+        if events & clear:
+            self.seen.add("set against clear")
+        self.pending = self.pending & ~clear | events
+
+    def _start(self, steps, busy):
+        step = steps[0]
+        legal = (
+            self.words[CONTROL] & 1
+            and not busy
+            and len(steps) == 1
+            and {
+                Step.INIT: True,
+                Step.SIG_GEN: self.initialised,
+                Step.PREDICT: self.points,
+                Step.UPDATE: self.residuals or self.points,
+                Step.COVARIANCE: self.initialised,
+            }[step]
+        )
+        if not legal:
+            self.error = (ErrorCode.ILLEGAL_STEP, 0)
+            self.seen.add("illegal while busy" if busy else "illegal while idle")
+            return 0b10
+        self.error = (0, 0)
+        self.cycles = 0
+        self.ended -= {step}
+        if step is Step.UPDATE:
+            self.gated = 0
+        if step is Step.SIG_GEN and self.points:
+            self.ended |= {step}
+            self.seen.add("at once")
+            return 0b01
+        self.step, self.start = step, 1
+        self.program = {
+            Step.INIT: Program.INIT,
+            Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
+            Step.PREDICT: Program.PREDICT,
+            Step.UPDATE: Program.UPDATE if self.residuals else Program.UPDATE_REDRAWN,
+            Step.COVARIANCE: (
+                Program.COVARIANCE_PREDICTED if self.predicted else Program.COVARIANCE
+            ),
+        }[step]
+        return 0
+
+    def _end(self, gate, code, index, nis):
+        program = self.program
+        self.ended |= {self.step}
+        self.step = Step.IDLE
+        kind = "failed" if code else "ended"
+        update = program in (Program.UPDATE, Program.UPDATE_REDRAWN)
+        if code:
+            self.error = (code, index)
+        success = not code
+        if update and success:
+            self.nis = nis
+            magnitude = (1 << (self.params.format.width - 1)) - 1
+            if nis & magnitude > gate & magnitude:
+                self.gated, success, kind = 1, False, "gated"
+        self.seen.add((kind, program))
+        if program is Program.INIT:
+            self.initialised = int(success)
+            self.points = self.predicted = self.residuals = 0
+        elif program in (Program.SIG_GEN, Program.SIG_GEN_PREDICTED) and success:
+            self.points, self.predicted, self.residuals = 1, 0, 0
+            self.factor_bank ^= program is Program.SIG_GEN_PREDICTED
+        elif program is Program.PREDICT:
+            self.points = 0
+            self.predicted = self.residuals = int(success)
+            self.state_bank ^= success
+        elif update and success:
+            self.points, self.predicted, self.residuals = 1, 0, 0
+            self.state_bank ^= 1
+            self.factor_bank ^= 1
+        elif program is Program.UPDATE_REDRAWN:
+            self.points = self.predicted = self.residuals = 0
+        return 0b01 | (0b10 if code else 0)
+
+
+def find(address):
+    return next((r for r in REGISTERS if r.offset == address & ~3), None)
+
+
+def test_wrong_params_are_rejected():
+    with pytest.raises(TypeError, match=r"^Parameters must be a UkfParams, not 3$"):
+        Control(3)
+
+
+def simulate(dut, testbench):
+    sim = Simulator(dut)
+    sim.add_clock(10e-9)
+    sim.add_testbench(testbench)
+    sim.run()
+
+
+class Stimulus:
+    """Random accesses and step results that lead deep into the state machine."""
+
+    def __init__(self, params, rng, address_width):
+        self.params = params
+        self.rng = rng
+        self.address_width = address_width
+
+    def strobe(self):
+        return 0xF if self.rng.random() < 0.8 else self.rng.getrandbits(4)
+
+    def number(self):
+        """A number like any other, so that gates and NIS are close to each other."""
+        fmt = self.params.format
+        return self.rng.choice([0, 1, 2, fmt.infinity, fmt.infinity - 1, fmt.nan,
+                                self.rng.getrandbits(fmt.width)])  # fmt: skip
+
+    def access(self, model):
+        rng = self.rng
+        choice = rng.random()
+        if choice < 0.35:
+            return (0, rng.choice(REGISTERS).offset + rng.getrandbits(2), 0, 0)
+        if choice < 0.80:
+            bits = start_bit(rng.choice([*STEPS, Step.PREDICT, Step.UPDATE]))
+            if rng.random() < 0.05:
+                bits |= start_bit(rng.choice(STEPS))
+            if rng.random() < 0.04:
+                bits |= CONTROL["RESET"].mask
+            if rng.random() < 0.95:
+                bits |= CONTROL["ENABLE"].mask
+            bits |= rng.getrandbits(32) & ~0x1F03 if rng.random() < 0.2 else 0
+            return (1, CONTROL.offset, bits, self.strobe())
+        if choice < 0.90:
+            gate = self.number()
+            low = rng.random() < 0.5
+            register = GATE_LOW if low else GATE_HIGH
+            return (1, register.offset, (gate if low else gate >> 32) & 0xFFFF_FFFF, self.strobe())
+        if choice < 0.97:
+            register = rng.choice([r for r in REGISTERS if r is not CONTROL])
+            return (1, register.offset, rng.getrandbits(32), self.strobe())
+        return (rng.getrandbits(1), rng.getrandbits(self.address_width), rng.getrandbits(32), 0xF)
+
+    def result(self):
+        code = 0 if self.rng.random() < 0.75 else self.rng.choice([2, 3, 4])
+        return code, self.rng.getrandbits(8) if code else 0, self.number()
+
+
+EVENTS = {
+    "illegal while busy", "illegal while idle", "reset while busy", "reset while idle", "at once",
+    "set against clear", "reset on done",
+    *(("ended", program) for program in Program),
+    *(("failed", program) for program in Program),
+    ("gated", Program.UPDATE), ("gated", Program.UPDATE_REDRAWN),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("params", PARAMS)
+def test_agrees_with_model_on_every_clock(params):
+    rng = random.Random(repr(params))
+    dut = Control(params)
+    access = dut.access
+    model = Model(params)
+    stimulus = Stimulus(params, rng, len(access.address))
+
+    async def testbench(ctx):
+        request = None
+        answer = None
+        age = 0
+        for _ in range(12000):
+            # Everything that happens on this clock. A step ends while a write takes effect rather
+            # often, so that the races are met.
+            if request is None and rng.random() < 0.8:
+                request = stimulus.access(model)
+                if model.step != Step.IDLE and rng.random() < 0.4:
+                    request = (1, INTERRUPT_PENDING.offset, rng.getrandbits(2), 0xF)
+                age = 0
+            taking_effect = request is not None and age == 1
+            busy = model.step != Step.IDLE
+            end = rng.random() < (0.6 if taking_effect else 0.1)
+            result = stimulus.result()
+            written = (0, 0)
+            if not busy and request is None:
+                written = (rng.random() < 0.1, rng.random() < 0.1)
+            ctx.set(access.valid, request is not None)
+            if request is not None:
+                for signal, value in zip(
+                    (access.write, access.address, access.data, access.strobe), request, strict=True
+                ):
+                    ctx.set(signal, value)
+            ctx.set(dut.done, end)
+            ctx.set(dut.error_code, result[0] if end else rng.getrandbits(8))
+            ctx.set(dut.error_index, result[1])
+            ctx.set(dut.nis, result[2])
+            ctx.set(dut.state_written, written[0])
+            ctx.set(dut.factor_written, written[1])
+
+            outputs = {name: ctx.get(getattr(dut, name)) for name in model.outputs}
+            assert outputs == model.outputs
+            write = None
+            if request is not None:
+                is_write, address, data, strobe = request
+                if age == 0:
+                    answer = model.read(address)
+                    assert not ctx.get(access.ack)
+                else:
+                    assert ctx.get(access.ack)
+                    assert ctx.get(access.error) == (find(address) is None)
+                    if not is_write:
+                        name = register.name if (register := find(address)) else address
+                        assert ctx.get(access.read_data) == (answer or 0), name
+                    else:
+                        write = (address, data, strobe)
+            model.clock(
+                write=write,
+                state_written=written[0],
+                factor_written=written[1],
+                done=result if end else None,
+            )
+            if taking_effect:
+                request = None
+            age += 1
+            await ctx.tick()
+
+    simulate(dut, testbench)
+    assert model.seen >= EVENTS, f"the stimulus never met {EVENTS - model.seen}"
+
+
+class Bench:
+    """Register accesses by name, and the engine played by hand."""
+
+    def __init__(self, ctx, dut):
+        self.ctx = ctx
+        self.dut = dut
+        self.manager = AccessManager(dut.access)
+
+    async def read(self, register):
+        data, error, _ = await self.manager.read(self.ctx, register.offset)
+        assert not error
+        return data
+
+    async def get(self, register, name):
+        return register[name].get(await self.read(register))
+
+    async def write(self, register, data, strobe=0xF):
+        error, _ = await self.manager.write(self.ctx, register.offset, data, strobe)
+        assert not error
+
+    async def start(self, step):
+        await self.write(CONTROL, start_bit(step) | 1)
+
+    async def end(self, clocks=3, code=0, index=0, nis=0):
+        ctx, dut = self.ctx, self.dut
+        for _ in range(clocks - 1):
+            await ctx.tick()
+        ctx.set(dut.done, 1)
+        ctx.set(dut.error_code, code)
+        ctx.set(dut.error_index, index)
+        ctx.set(dut.nis, nis)
+        await ctx.tick()
+        ctx.set(dut.done, 0)
+
+    async def run(self, step, **result):
+        await self.start(step)
+        await self.end(**result)
+
+
+def with_bench(params=PARAMS[0].values[0]):
+    """Run a coroutine of a bench in the simulator."""
+
+    def wrap(test):
+        def run():
+            dut = Control(params)
+
+            async def testbench(ctx):
+                await test(Bench(ctx, dut))
+
+            simulate(dut, testbench)
+
+        run.__name__ = test.__name__
+        run.__doc__ = test.__doc__
+        return run
+
+    return wrap
+
+
+@with_bench()
+async def test_reset_values_are_those_of_the_description(bench):
+    p = PARAMS[0].values[0]
+    for register in REGISTERS:
+        expected = sum(f.put(f.reset) for f in register)
+        if register is SIZES:
+            expected = p.n | p.m << 24
+        elif register is CONFIG:
+            expected = p.pes | 8 << 8 | 23 << 12
+        elif register is GATE_LOW:
+            expected = 0x7F80_0000
+        assert await bench.read(register) == expected, register.name
+
+
+@with_bench()
+async def test_cycles_count_the_clocks_for_which_a_step_runs(bench):
+    await bench.run(Step.INIT, clocks=5)
+    assert await bench.read(CYCLES) == 5
+    await bench.run(Step.SIG_GEN, clocks=1)
+    assert await bench.read(CYCLES) == 1
+    await bench.start(Step.SIG_GEN)
+    assert await bench.read(CYCLES) == 0, "sigma points were there already"
+    assert await bench.get(STATUS, "SIG_GEN") == 1
+
+
+@with_bench()
+async def test_start_follows_the_write_by_a_clock(bench):
+    await bench.start(Step.INIT)
+    assert bench.ctx.get(bench.dut.start)
+    assert bench.ctx.get(bench.dut.busy)
+    await bench.ctx.tick()
+    assert not bench.ctx.get(bench.dut.start)
+
+
+@with_bench()
+async def test_a_read_right_after_a_write_sees_it(bench):
+    for word in (0x1234_5678, 0xFFFF_0000, 0):
+        await bench.write(MASK, word)
+        assert await bench.read(MASK) == word
+
+
+@with_bench()
+async def test_bytes_that_are_not_strobed_stay(bench):
+    await bench.write(MASK, 0x1122_3344)
+    await bench.write(MASK, 0xAABB_CCDD, strobe=0b0110)
+    assert await bench.read(MASK) == 0x11BB_CC44
+    await bench.write(CONTROL, 1)
+    await bench.write(CONTROL, start_bit(Step.INIT), strobe=0b0010)
+    assert await bench.get(CONTROL, "ENABLE") == 1
+    assert await bench.get(STATUS, "STATE") == Step.INIT
+    await bench.end()
+    await bench.write(INTERRUPT_PENDING, 0b11, strobe=0b1110)
+    assert await bench.read(INTERRUPT_PENDING) == 0b01
+    await bench.write(CONTROL, CONTROL["RESET"].mask | start_bit(Step.INIT), strobe=0b0000)
+    assert await bench.get(STATUS, "INITIALISED") == 1
+
+
+@with_bench()
+async def test_reset_stops_a_step_and_keeps_the_settings(bench):
+    await bench.write(MASK, 1)
+    await bench.write(GATE_LOW, 0x3F80_0000)
+    await bench.write(INTERRUPT_ENABLE, 3)
+    await bench.run(Step.INIT)
+    await bench.run(Step.SIG_GEN)
+    await bench.run(Step.UPDATE, nis=0x3F00_0000)
+    assert await bench.read(NIS_LOW) == 0x3F00_0000
+    await bench.start(Step.PREDICT)
+    await bench.write(CONTROL, CONTROL["RESET"].mask | start_bit(Step.INIT) | 1)
+    assert bench.ctx.get(bench.dut.stop)
+    assert not bench.ctx.get(bench.dut.start)
+    assert await bench.read(STATUS) == 0
+    assert await bench.read(ERROR) == 0
+    assert await bench.read(CYCLES) == 0
+    assert await bench.read(CONTROL) == 1
+    assert await bench.read(MASK) == 1
+    assert await bench.read(GATE_LOW) == 0x3F80_0000
+    assert await bench.read(NIS_LOW) == 0x3F00_0000
+    assert await bench.read(INTERRUPT_ENABLE) == 3
+    assert await bench.read(INTERRUPT_PENDING) == 1
+    assert bench.ctx.get(bench.dut.state_bank) == 1
+    assert bench.ctx.get(bench.dut.factor_bank) == 1
+    await bench.end()  # too late
+    assert await bench.read(STATUS) == 0
+
+
+@with_bench()
+async def test_enable_counts_as_of_the_same_write(bench):
+    await bench.write(CONTROL, start_bit(Step.INIT))
+    assert await bench.get(ERROR, "CODE") == ErrorCode.ILLEGAL_STEP
+    await bench.write(CONTROL, start_bit(Step.INIT) | 1)
+    assert await bench.read(ERROR) == 0
+    assert await bench.get(STATUS, "STATE") == Step.INIT
+    await bench.write(CONTROL, 0)
+    assert await bench.get(STATUS, "STATE") == Step.INIT, "a running step goes on"
+    await bench.end()
+    assert await bench.get(STATUS, "INITIALISED") == 1
+    await bench.write(CONTROL, start_bit(Step.SIG_GEN))
+    assert await bench.get(ERROR, "CODE") == ErrorCode.ILLEGAL_STEP
+
+
+@with_bench()
+async def test_an_illegal_start_does_not_disturb_the_running_step(bench):
+    await bench.start(Step.INIT)
+    await bench.start(Step.PREDICT)
+    assert await bench.get(STATUS, "STATE") == Step.INIT
+    await bench.end()
+    assert await bench.get(ERROR, "CODE") == ErrorCode.ILLEGAL_STEP, "stays after a good end"
+    await bench.start(Step.SIG_GEN)
+    await bench.start(Step.SIG_GEN)
+    await bench.end(code=ErrorCode.NOT_POSITIVE_DEFINITE, index=4)
+    assert await bench.read(ERROR) == ErrorCode.NOT_POSITIVE_DEFINITE | 4 << 8
+
+
+@with_bench()
+async def test_an_event_wins_over_the_clear(bench):
+    ctx, dut = bench.ctx, bench.dut
+    await bench.write(INTERRUPT_ENABLE, 1)
+    await bench.run(Step.INIT)
+    await bench.start(Step.SIG_GEN)
+    assert ctx.get(dut.irq)
+    access = dut.access
+    ctx.set(access.valid, 1)
+    ctx.set(access.write, 1)
+    ctx.set(access.address, INTERRUPT_PENDING.offset)
+    ctx.set(access.data, 1)
+    ctx.set(access.strobe, 0xF)
+    await ctx.tick()
+    ctx.set(dut.done, 1)
+    await ctx.tick()
+    ctx.set(dut.done, 0)
+    ctx.set(access.valid, 0)
+    assert ctx.get(dut.irq)
+    await bench.write(INTERRUPT_PENDING, 1)
+    assert not ctx.get(dut.irq)
+
+
+@pytest.mark.parametrize("params", PARAMS)
+def test_only_registers_answer(params):
+    dut = Control(params)
+    size = 1 << (MemoryMap(params).address_width - MemoryMap(params).region_bits)
+    mapped = {register.offset for register in REGISTERS}
+
+    async def testbench(ctx):
+        manager = AccessManager(dut.access)
+        for address in range(0, size, 4):
+            data, error, clocks = await manager.read(ctx, address)
+            assert (error, clocks) == (address not in mapped, 2), hex(address)
+            assert not (error and data)
+        before = [await manager.read(ctx, address) for address in sorted(mapped)]
+        for address in range(0, size, 4):
+            if address not in mapped:
+                assert await manager.write(ctx, address, 0xFFFF_FFFF) == (1, 2), hex(address)
+        assert [await manager.read(ctx, address) for address in sorted(mapped)] == before
+
+    simulate(dut, testbench)
