@@ -7,6 +7,7 @@ from amaranth.utils import ceil_log2
 
 from ukf_hdl.axi4_lite import AccessSignature
 from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import UkfParams
 
@@ -22,8 +23,8 @@ class Buffer(wiring.Component):
     memories, by tables. A write takes two clocks, a read five: one for the tables, three for the
     memories, and the answer on the clock after. An access that is refused takes two.
 
-    Refused, without effect and reading zero: every access while :py:`busy`, and every access
-    outside of the regions. A format narrower than 32 bits ignores the upper bits of a write and
+    Refused, without effect and reading zero: every access that begins while :py:`busy`, and every
+    access outside of the regions. A format narrower than 32 bits ignores the upper bits of a write and
     reads them as zero; a wider one has two words an element, the lower first, each written on
     its own.
 
@@ -49,7 +50,7 @@ class Buffer(wiring.Component):
     write, write_data, write_strobe : :py:`Out(1)`, :py:`Out(width)`, :py:`Out(bytes)`
         Write to that word, on this clock, of the bytes that are strobed.
     read_data : :py:`In(width)`
-        That word, three clocks after it is asked for.
+        That word, :py:`LOAD_LATENCY` clocks after it is asked for.
 
     Raises
     ------
@@ -58,9 +59,6 @@ class Buffer(wiring.Component):
     ValueError
         If the layout does not have the rows of a region at fixed distances of beats.
     """
-
-    #: Clocks from an address to its data.
-    READ_LATENCY = 3
 
     def __init__(self, params, layout):
         if not isinstance(params, UkfParams):
@@ -135,18 +133,19 @@ class Buffer(wiring.Component):
         # First clock: look the place up.
         valid, lane, address = self._elaborate_decode(m)
         refused = Signal()
-        m.d.sync += [
-            refused.eq(~valid | self.busy),
-            self.lane.eq(lane),
-            self.address.eq(address),
-        ]
+        clock = Signal(range(LOAD_LATENCY + 2))
+        with m.If(clock == 0):
+            m.d.sync += [
+                refused.eq(~valid | self.busy),
+                self.lane.eq(lane),
+                self.address.eq(address),
+            ]
 
         # Then: write or fail at once, or wait for the memories.
-        clock = Signal(range(self.READ_LATENCY + 2))
         writing = Signal()
         m.d.comb += [
             access.ack.eq(
-                ((clock == 1) & (access.write | refused)) | (clock == self.READ_LATENCY + 1)
+                ((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)
             ),
             access.error.eq(refused),
             writing.eq((clock == 1) & access.write & ~refused),

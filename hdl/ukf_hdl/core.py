@@ -1,7 +1,5 @@
 """The core: bus, registers, buffer and engine."""
 
-from importlib import import_module
-
 from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -10,6 +8,7 @@ from ukf_hdl import axi4_lite
 from ukf_hdl.axi4_lite import AxiLiteSubordinate
 from ukf_hdl.buffer import Buffer
 from ukf_hdl.control import Control
+from ukf_hdl.engine import Engine
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import Pipeline, UkfParams
 
@@ -55,7 +54,7 @@ class UkfCore(wiring.Component):
         self._params = params
         self._pipeline = pipeline
         if engine is None:
-            engine = import_module("ukf_hdl.engine").Engine(params, pipeline)
+            engine = Engine(params, pipeline)
         self._engine = engine
         self._map = MemoryMap(params)
         self._control = Control(params)

@@ -4,7 +4,7 @@ from amaranth import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ukf_hdl.leading_zeros import normalisation_digits, shift_left_digit
+from ukf_hdl.leading_zeros import leading_units_digit, normalisation_digits, select, shift_left_digit
 from ukf_hdl.pipelining import Pipeline
 from ukf_sw.float_format import FloatFormat
 
@@ -19,6 +19,11 @@ _CUTS = {
     5: ("aligned", "summed", "leading_zeros", "normalised"),
     6: ("ordered", "aligned", "summed", "leading_zeros", "normalised"),
 }
+_TWO_PATH_CUTS = {
+    1: (),
+    2: ("aligned",),
+}
+_MAX_TWO_PATH_STAGES = max(_TWO_PATH_CUTS)
 _MAX_STAGES = 16
 
 
@@ -90,6 +95,197 @@ class FloatAdder(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        if self._stages <= _MAX_TWO_PATH_STAGES:
+            self._elaborate_two_paths(m)
+        else:
+            self._elaborate_single_path(m)
+        return m
+
+    def _elaborate_two_paths(self, m):
+        """Add along the far and the near path, and select.
+
+        The far path takes sums, and differences of operands whose exponents differ: what it gives
+        moves by at most one place, but is rounded. The near path takes differences whose exponents
+        differ by at most one and whose leading place is cancelled: they move by any number of
+        places, but are exact.
+        """
+        pipeline = Pipeline(m, self._stages, _TWO_PATH_CUTS)
+        fmt = self._fmt
+        fraction_bits, exponent_bits, precision = fmt.fraction_bits, fmt.exponent_bits, fmt.precision
+        order = self._elaborate_order(m)
+        fraction_a, swap, small, shift, large, exponent, sign, subtract, zero_sign, infinities = order
+        exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
+        fraction_b = self.b[:fraction_bits]
+
+        # Near path, first half. The difference of the exponents is known from two bits of each.
+        # Where it is zero, the difference of the operands may be negative; then one less than it is
+        # made, and complemented.
+        near_difference = Signal(2)
+        minuend = Signal(precision + 1)
+        subtrahend = Signal(precision + 1)
+        near = Signal(precision + 1)
+        near_wide = Signal(precision + 2)
+        full_a, full_b = Cat(fraction_a, Const(1, 1)), Cat(fraction_b, Const(1, 1))
+        m.d.comb += near_difference.eq(exponent_a[:2] - exponent_b[:2])
+        with m.Switch(near_difference):
+            with m.Case(0):
+                m.d.comb += [minuend.eq(full_a << 1), subtrahend.eq(full_b << 1)]
+            with m.Case(1):
+                m.d.comb += [minuend.eq(full_a << 1), subtrahend.eq(full_b)]
+            with m.Default():
+                m.d.comb += [minuend.eq(full_b << 1), subtrahend.eq(full_a)]
+        m.d.comb += [
+            near_wide.eq(Cat(~swap, minuend) + Cat(~swap, ~subtrahend)),
+            near.eq(near_wide[1:]),
+        ]
+        may_be_near = Signal()
+        any_nan = Signal()
+        m.d.comb += [
+            may_be_near.eq(
+                subtract & (shift < 2) & (exponent_a != 0) & (exponent_b != 0) & ~infinities
+            ),
+            any_nan.eq(
+                (exponent_a.all() & fraction_a.any()) | (exponent_b.all() & fraction_b.any())
+            ),
+        ]
+
+        # Far path, first half. The order does not matter where the exponents are equal.
+        large = Mux(exponent_b > exponent_a, fraction_b, fraction_a)
+        aligned, *_ = self._elaborate_alignment(m, fraction_a, Const(0, 1), *order[2:])
+        (
+            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign, infinities,
+            any_nan,
+        ) = pipeline.cut(
+            "aligned", aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
+            infinities, any_nan,
+        )  # fmt: skip
+
+        # Far path, second half. All that is below the last place of the larger operand comes from
+        # the smaller one, so the sum or that plus one, in the last place, is the rounded one.
+        first = Cat(large, Const(1, 2))
+        second = Cat(aligned[3:], Const(0, 1)) ^ subtract.replicate(precision + 1)
+        plain = Signal(precision + 1)
+        plus_one = Signal(precision + 1)
+        below = Signal(3)
+        exact_difference = Signal()
+        m.d.comb += [
+            plain.eq(first + second),
+            plus_one.eq((Cat(Const(1, 1), first) + Cat(Const(1, 1), second))[1:]),
+            # Negated for a difference.
+            below[0].eq(aligned[0]),
+            below[1].eq(aligned[1] ^ (subtract & aligned[0])),
+            below[2].eq(aligned[2] ^ (subtract & aligned[:2].any())),
+            exact_difference.eq(subtract & (aligned[:3] == 0)),
+        ]
+        # Places of the leading one before rounding: the top, the next or the one after that. What
+        # is next to a power of two and might round to another place is right in either.
+        carry, normal = plain[-1] & ~subtract, plain[-2]
+        up = Signal()
+        up_carry, up_normal, up_left = Signal(), Signal(), Signal()
+        m.d.comb += [
+            up_carry.eq(plain[0] & (plain[1] | below.any())),
+            up_normal.eq(below[2] & (plain[0] | below[:2].any())),
+            up_left.eq(below[2] & below[1] & (below[0] | below[2])),
+            up.eq(
+                exact_difference
+                | Mux(carry, up_carry, Mux(normal, up_normal, up_left))
+            ),
+        ]
+        far = Signal(precision + 1)
+        far_last = Signal()
+        m.d.comb += [
+            far.eq(Mux(up, plus_one, plain)),
+            # The place below, needed where the difference moves to the left. Rounded up it is 0 if
+            # it was 1, and 1 if it was 0.
+            far_last.eq(below[2] ^ (below[1] & (below[0] | below[2]))),
+        ]
+
+        # Near path, second half.
+        is_near = Signal()
+        magnitude = Signal(precision)
+        m.d.comb += [
+            magnitude.eq(near[:-1] ^ swap.replicate(precision)),
+            is_near.eq(may_be_near & ~(near[-1] ^ swap)),
+        ]
+        sixteens, fours, near_is_zero = normalisation_digits(m, magnitude)
+        partly = shift_left_digit(m, magnitude, sixteens, 16)
+        coarsely = shift_left_digit(m, partly, fours, 4)
+        ones = leading_units_digit(m, coarsely)
+        normalised = shift_left_digit(m, coarsely, ones, 1)
+        # The exponent is that of the larger operand, minus one, minus the shift. Its upper bits
+        # are found for either borrow before `ones` is known.
+        one_less = Signal(exponent_bits)
+        upper_bits = exponent_bits - 2
+        coarse = Cat(fours, sixteens)
+        upper = Signal(upper_bits)
+        upper_less = Signal(upper_bits)
+        borrow = Signal()
+        near_exponent = Signal(exponent_bits)
+        near_underflow = Signal()
+        m.d.comb += [
+            one_less.eq(exponent - 1),
+            upper.eq(one_less[2:] - coarse),
+            upper_less.eq((Cat(Const(0, 1), one_less[2:]) - Cat(Const(1, 1), coarse))[1:]),
+            borrow.eq(one_less[:2] < ones),
+            near_exponent.eq(
+                Cat((one_less[:2] - ones)[:2], Mux(borrow, upper_less, upper))
+            ),
+            # The exponent is at most zero: at least as many places to shift as it has left.
+            near_underflow.eq(
+                (one_less[2:] < coarse) | ((one_less[2:] == coarse) & (one_less[:2] <= ones))
+            ),
+        ]
+
+        # Special results keep the exponent of the larger operand: all zeros or all ones. They are
+        # never near.
+        both_zero = Signal()
+        infinite = Signal()
+        nan = Signal()
+        special = Signal()
+        m.d.comb += [
+            both_zero.eq(exponent == 0),
+            infinite.eq(exponent.all()),
+            nan.eq(infinite & (any_nan | (infinities & subtract))),
+            special.eq(both_zero | infinite),
+        ]
+
+        # Select. Clearing comes last: it becomes the reset of the output register.
+        far_carry = Signal()
+        far_normal = Signal()
+        overflow = Signal()
+        path = Signal(2)
+        m.d.comb += [
+            far_carry.eq(far[-1] & ~subtract & ~special),
+            far_normal.eq(far[-2] | special),
+            overflow.eq(far_carry & (exponent == fmt.max_exponent_field - 1)),
+            path.eq(Mux(is_near, 0, Mux(far_carry, 1, Mux(far_normal, 2, 3)))),
+        ]
+        result_fraction = Signal(fraction_bits)
+        result_exponent = Signal(exponent_bits)
+        result_sign = Signal()
+        m.d.comb += [
+            result_fraction.eq(
+                select(path, [normalised[:-1], far[1:-1], far[:-2], Cat(far_last, far[:-3])])
+            ),
+            result_exponent.eq(select(path, [near_exponent, exponent + 1, exponent, one_less])),
+            result_sign.eq(sign),
+        ]
+        with m.If(is_near & near_is_zero):
+            m.d.comb += result_sign.eq(0)
+        with m.If(both_zero):
+            m.d.comb += result_sign.eq(zero_sign)
+        with m.If(nan):
+            m.d.comb += result_sign.eq(0)
+        with m.If((is_near & near_underflow) | overflow | special):
+            m.d.comb += result_fraction.eq(0)
+        with m.If(nan):
+            m.d.comb += result_fraction[-1].eq(1)
+        with m.If(is_near & (near_is_zero | near_underflow)):
+            m.d.comb += result_exponent.eq(0)
+        pipeline.output(self.sum, Cat(result_fraction, result_exponent, result_sign))
+
+    def _elaborate_single_path(self, m):
+        """Align, add, normalise and round, one after the other: slower, but smaller."""
         pipeline = Pipeline(m, self._stages, _CUTS)
 
         ordered = pipeline.cut("ordered", *self._elaborate_order(m))
@@ -98,8 +294,6 @@ class FloatAdder(wiring.Component):
         counted = pipeline.cut("leading_zeros", *self._elaborate_leading_zeros(m, *summed))
         normalised = pipeline.cut("normalised", *self._elaborate_normalisation(m, *counted))
         pipeline.output(self.sum, self._elaborate_rounding(m, *normalised))
-
-        return m
 
     def _elaborate_order(self, m):
         """Find the larger operand.
@@ -189,15 +383,12 @@ class FloatAdder(wiring.Component):
             last = step << len(digit) >= width
             shifted = Signal(width, name=f"shifted_{step}")
             lost = Signal(name=f"lost_{step}")
-            options = [value >> (step * count) for count in range(1 << len(digit))]
             beyond = shift[position + len(digit) :].any() if last else Const(0, 1)
-            with m.Switch(digit):
-                for count, option in enumerate(options):
-                    with m.Case(count):
-                        m.d.comb += [
-                            shifted.eq(option),
-                            lost.eq(value[: step * count].any()),
-                        ]
+            counts = range(1 << len(digit))
+            m.d.comb += [
+                shifted.eq(select(digit, [value >> (step * count) for count in counts])),
+                lost.eq(select(digit, [value[: step * count].any() for count in counts])),
+            ]
             if last:
                 with m.If(beyond):
                     m.d.comb += [shifted.eq(0), lost.eq(value.any())]
@@ -265,16 +456,7 @@ class FloatAdder(wiring.Component):
     ):
         """Shift the leading one to the top."""
         coarsely = shift_left_digit(m, partly, fours, 4)
-        ones = Signal(2)
-        with m.Switch(coarsely[-4:]):
-            with m.Case("1---"):
-                m.d.comb += ones.eq(0)
-            with m.Case("01--"):
-                m.d.comb += ones.eq(1)
-            with m.Case("001-"):
-                m.d.comb += ones.eq(2)
-            with m.Default():
-                m.d.comb += ones.eq(3)
+        ones = leading_units_digit(m, coarsely)
         normalised = shift_left_digit(m, coarsely, ones, 1)
 
         # The top place of the sum is worth one more than the exponent.

@@ -67,7 +67,7 @@ class FloatMultiplier(wiring.Component):
         If :py:`stages` is not an integer in range.
     """
 
-    DEFAULT_STAGES = 3
+    DEFAULT_STAGES = 2
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
         if not isinstance(fmt, FloatFormat):

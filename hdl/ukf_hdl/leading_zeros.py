@@ -1,8 +1,8 @@
 """Leading zeros and left shifts in digits of two bits, as LUTs of six inputs like them."""
 
-from amaranth import Cat, Signal
+from amaranth import Cat, Mux, Signal
 
-__all__ = ["normalisation_digits", "shift_left_digit"]
+__all__ = ["leading_units_digit", "normalisation_digits", "select", "shift_left_digit"]
 
 
 def normalisation_digits(m, value):
@@ -39,6 +39,24 @@ def normalisation_digits(m, value):
     return sixteens, fours, ~any_set.any()
 
 
+def leading_units_digit(m, value):
+    """Count leading zeros of a number whose leading one is among its top four bits.
+
+    Parameters
+    ----------
+    m : :class:`Module`
+        Module to add logic to.
+    value : :class:`Signal`
+        Number of at least four bits.
+
+    Returns
+    -------
+    :class:`Signal`
+        Leading zeros, 0 to 3.
+    """
+    return _first(m, value[-4:][::-1], "ones")
+
+
 def shift_left_digit(m, value, digit, unit):
     """Shift to the left by :py:`digit * unit`; bits shifted out are lost.
 
@@ -59,11 +77,31 @@ def shift_left_digit(m, value, digit, unit):
         Shifted number, of the same width.
     """
     shifted = Signal(len(value), name=f"shifted_left_{unit}")
-    with m.Switch(digit):
-        for count in range(1 << len(digit)):
-            with m.Case(count):
-                m.d.comb += shifted.eq(value << (count * unit))
+    m.d.comb += shifted.eq(
+        select(digit, [value << (count * unit) for count in range(1 << len(digit))])
+    )
     return shifted
+
+
+def select(index, options):
+    """Multiplexer, as a tree of multiplexers of two, which maps to fewer LUTs than a switch.
+
+    Parameters
+    ----------
+    index : :class:`Value`
+        Which option.
+    options : :class:`list`
+        As many values as the index has.
+
+    Returns
+    -------
+    :class:`Value`
+        The chosen one.
+    """
+    for bit in index:
+        options = [Mux(bit, odd, even) for even, odd in zip(*[iter(options)] * 2, strict=True)]
+    (chosen,) = options
+    return chosen
 
 
 def _first(m, flags, name):

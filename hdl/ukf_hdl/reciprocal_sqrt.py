@@ -126,14 +126,17 @@ class ReciprocalSqrt(wiring.Component):
         distance, radicand, *control = pipeline.cut("table", distance, radicand, *control)
 
         # c1 + d * c2
+        if params.degree == 2:
+            product = Signal(signed(params.distance_bits + len(c2)), name="slope_product")
+            m.d.comb += product.eq(distance * c2)
+        else:
+            product = Const(0, 1)
+        product, c0, c1, distance, radicand, *control = pipeline.cut(
+            "slope_product", product, c0, c1, distance, radicand, *control
+        )
         slope = c1
         if params.degree == 2:
             fine_bits = params.c2_fraction_bits + params.distance_fraction_bits
-            product = Signal(signed(params.distance_bits + len(c2)), name="slope_product")
-            m.d.comb += product.eq(distance * c2)
-            product, c0, c1, distance, radicand, *control = pipeline.cut(
-                "slope_product", product, c0, c1, distance, radicand, *control
-            )
             total = Signal(signed(fine_bits + 1), name="slope_total")
             m.d.comb += total.eq((c1 << (fine_bits - params.c1_fraction_bits)) + product)
             slope = total[fine_bits - params.slope_fraction_bits :].as_signed()

@@ -140,7 +140,9 @@ class UnscentedKalmanFilter:
 
     Predict and update may come at different rates and in any order; several updates may follow each
     other. An update directly after a predict sends the predicted sigma points through h, as in the
-    papers; any other update draws new ones first, and :meth:`redraw` in between asks for that.
+    papers; any other update draws new ones first. :meth:`redraw` in between, or ``redraw=True``,
+    asks for that. The predicted points do not have the spread of an *additive* process noise, so
+    without redrawing the gain leaves that of the last step out of account; filterpy redraws.
 
     Nothing that raises changes the estimate, except as :class:`ukf_sw.errors.CoreTimeoutError`
     says.
@@ -165,6 +167,9 @@ class UnscentedKalmanFilter:
         :class:`ukf_sw.driver.Driver` of a core.
     vectorized
         Whether the models take all sigma points at once.
+    redraw
+        Whether every predict ends with :meth:`redraw`. It costs a factorisation and, on a core,
+        reading the points once more.
     state_angles, observation_angles
         Indices of the states and of the observations that are angles, in radians. Results of the
         models and z are wrapped to within half a turn of sigma point 0.
@@ -191,6 +196,7 @@ class UnscentedKalmanFilter:
         R: ArrayLike | None = None,
         backend: Backend | str = "reference",
         vectorized: bool = False,
+        redraw: bool = False,
         state_angles: tuple[int, ...] = (),
         observation_angles: tuple[int, ...] = (),
     ) -> None:
@@ -210,6 +216,7 @@ class UnscentedKalmanFilter:
         self._h = h
         self._params = params
         self._vectorized = vectorized
+        self._redraws = redraw
         self._state_angles = tuple(state_angles)
         self._observation_angles = tuple(observation_angles)
         self._x0 = _vector(x0, "x0", params.n)
@@ -407,6 +414,8 @@ class UnscentedKalmanFilter:
         )  # fmt: skip
         self._transformed = self._backend.predict(results)
         self._last_x = self._last_P = None
+        if self._redraws:
+            self.redraw()
 
     def redraw(self) -> None:
         """Draw new sigma points from the estimate, so that an update after a predict uses them.

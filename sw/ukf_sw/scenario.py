@@ -29,7 +29,7 @@ class Scenario:
         Name on the command line and in reports.
     params
         Sizes and kinds of noise.
-    f, h, vectorized, state_angles, observation_angles
+    f, h, vectorized, redraw, state_angles, observation_angles
         Models, as :class:`ukf_sw.filter.UnscentedKalmanFilter` takes them.
     Q, R, x0, P0
         Noise covariances and first estimate.
@@ -75,6 +75,7 @@ class Scenario:
     sampled: NDArray[np.bool_] | None = None
     observation_arguments: Sequence[Mapping[str, Any]] | None = None
     vectorized: bool = False
+    redraw: bool = False
     state_angles: tuple[int, ...] = ()
     observation_angles: tuple[int, ...] = ()
 
@@ -107,6 +108,7 @@ class Scenario:
             P0=self.P0,
             backend=backend,
             vectorized=self.vectorized,
+            redraw=self.redraw,
             state_angles=self.state_angles,
             observation_angles=self.observation_angles,
         )

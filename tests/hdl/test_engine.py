@@ -1,0 +1,216 @@
+"""The engine against the golden model, word for word."""
+
+import random
+
+import numpy as np
+import pytest
+from amaranth.sim import Simulator
+
+from ukf_hdl.engine import Engine
+from ukf_sw.engine.interpreter import Interpreter
+from ukf_sw.engine.microcode import STEP_OVERHEAD
+from ukf_sw.engine.programs import Program
+from ukf_sw.engine.timing import LOAD_LATENCY
+from ukf_sw.float_format import BINARY16, BINARY32, BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.registers import ErrorCode
+
+CONFIGURATIONS = [
+    pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),
+    pytest.param(
+        UkfParams(n=2, m=2, q=1, r=2, pes=3),
+        Pipeline(multiply=1, add=1, reciprocal_sqrt=1),
+        id="shallow",
+    ),
+    pytest.param(
+        UkfParams(
+            n=2, m=1, q=2, r=1, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+            form=Form.COVARIANCE, format=BINARY16, pes=7,
+        ),
+        Pipeline(multiply=4, add=5, reciprocal_sqrt=7),
+        id="additive",
+    ),
+    pytest.param(
+        UkfParams(n=3, m=2, r=2, pes=4, format=BINARY64, W0=0.5), Pipeline(), id="binary64"
+    ),
+]  # fmt: skip
+
+
+class Bench:
+    """An engine and its golden model, driven alike."""
+
+    def __init__(self, ctx, dut, params, pipeline):
+        self.ctx, self.dut = ctx, dut
+        self.golden = Interpreter(params, pipeline)
+        self.map = MemoryMap(params)
+        self.format = params.format
+
+    async def put(self, symbol, row, column, word, **banks):
+        lane, address = self.golden.layout.buffer_location(symbol, row, column, **banks)
+        self.golden.write(lane, address, word)
+        ctx, dut = self.ctx, self.dut
+        ctx.set(dut.buffer_lane, lane)
+        ctx.set(dut.buffer_address, address)
+        ctx.set(dut.buffer_write_data, word)
+        ctx.set(dut.buffer_write_strobe, -1)
+        ctx.set(dut.buffer_write, 1)
+        await ctx.tick()
+        ctx.set(dut.buffer_write, 0)
+
+    async def fill(self, symbol, values, **banks):
+        region = self.map[symbol]
+        words = self.format.encode(np.reshape(values, (region.rows, region.columns)))
+        for (row, column), word in np.ndenumerate(words):
+            await self.put(symbol, row, column, int(word), **banks)
+
+    async def run(
+        self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None, compare=True
+    ):
+        ctx, dut = self.ctx, self.dut
+        expected = self.golden.run(
+            program, mask=mask, state_bank=state_bank, factor_bank=factor_bank,
+            stop_after=stop_after,
+        )  # fmt: skip
+        ctx.set(dut.observation_mask, mask)
+        ctx.set(dut.state_bank, state_bank)
+        ctx.set(dut.factor_bank, factor_bank)
+        ctx.set(dut.program, program)
+        ctx.set(dut.start, 1)
+        await ctx.tick()
+        ctx.set(dut.start, 0)
+        clocks = 1
+        while not ctx.get(dut.done):
+            assert ctx.get(dut.busy)
+            if stop_after is not None and clocks == stop_after + 1:
+                ctx.set(dut.stop, 1)
+                await ctx.tick()
+                ctx.set(dut.stop, 0)
+                break
+            clocks += 1
+            await ctx.tick()
+        else:
+            assert clocks == expected.clocks - STEP_OVERHEAD + 2
+            result = (ctx.get(dut.error_code), ctx.get(dut.error_index))
+            assert result == expected[:2]
+            if expected.nis is not None:
+                assert ctx.get(dut.nis) == expected.nis
+            await ctx.tick()
+        assert not ctx.get(dut.busy)
+        if compare:
+            await self.compare()
+        return expected
+
+    async def compare(self):
+        """Every word of every memory."""
+        golden = self.golden.words
+        ctx, dut = self.ctx, self.dut
+        found = np.zeros_like(golden)
+        places = [(lane, a) for lane in range(golden.shape[0]) for a in range(golden.shape[1])]
+        for clock, (lane, address) in enumerate(places + [(0, 0)] * LOAD_LATENCY):
+            if clock >= LOAD_LATENCY:
+                found[places[clock - LOAD_LATENCY]] = ctx.get(dut.buffer_read_data)
+            ctx.set(dut.buffer_lane, lane)
+            ctx.set(dut.buffer_address, address)
+            await ctx.tick()
+        np.testing.assert_array_equal(found, golden)
+
+
+def simulate(params, pipeline, scenario):
+    dut = Engine(params, pipeline)
+
+    async def testbench(ctx):
+        await scenario(Bench(ctx, dut, params, pipeline))
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-8)
+    sim.add_testbench(testbench)
+    sim.run()
+
+
+@pytest.mark.parametrize(("params", "pipeline"), CONFIGURATIONS)
+def test_agrees_with_golden_model(params, pipeline):
+    rng = np.random.default_rng(1)
+    n, m = params.n, params.m
+
+    async def scenario(bench):
+        await bench.fill("x", rng.normal(size=n))
+        await bench.fill("L", np.tril(rng.normal(size=(n, n))))
+        for symbol, size in (("LQ", params.q), ("LR", params.r)):
+            if size:
+                await bench.fill(symbol, np.tril(rng.normal(size=(size, size))))
+        assert (await bench.run(Program.INIT)).error_code == 0
+        assert (await bench.run(Program.SIG_GEN)).error_code == 0
+        await bench.fill("X", rng.normal(size=(n, params.N)))
+        assert (await bench.run(Program.PREDICT)).error_code == 0
+        await bench.run(Program.COVARIANCE_PREDICTED, state_bank=1)
+        await bench.fill("Z", rng.normal(size=(m, params.N)))
+        await bench.fill("z", rng.normal(size=m))
+        await bench.run(Program.UPDATE, state_bank=1, stop_after=60)
+        for stop_after in (37, 50, 71):  # the next program meets what is left in the pipelines
+            await bench.run(Program.UPDATE, state_bank=1, stop_after=stop_after, compare=False)
+        update = await bench.run(Program.UPDATE, state_bank=1)
+        assert update.error_code == 0
+        assert update.nis is not None
+        await bench.run(Program.COVARIANCE, factor_bank=1)
+        await bench.run(Program.UPDATE_REDRAWN, mask=-2, factor_bank=1)
+        await bench.fill("X", rng.normal(size=(n, params.N)))
+        await bench.run(Program.PREDICT, state_bank=1)
+        await bench.run(Program.SIG_GEN_PREDICTED)
+
+    simulate(params, pipeline, scenario)
+
+
+@pytest.mark.parametrize("hostile", ["nan", "infinity", "subnormal", "payload"])
+def test_numbers_that_are_not_finite_are_stopped(hostile):
+    params, pipeline = UkfParams(n=2, m=2, q=1, pes=2), Pipeline()
+    word = {
+        "nan": BINARY32.nan, "infinity": BINARY32.infinity | 1 << 31, "subnormal": 5,
+        "payload": BINARY32.infinity | 5,
+    }[hostile]  # fmt: skip
+    rng = np.random.default_rng(2)
+
+    async def scenario(bench):
+        await bench.fill("x", rng.normal(size=2))
+        await bench.fill("L", np.eye(2))
+        await bench.fill("LQ", [[1.0]])
+        assert (await bench.run(Program.INIT)).error_code == 0
+        await bench.run(Program.SIG_GEN)
+        await bench.fill("X", rng.normal(size=(2, params.N)))
+        await bench.put("X", 1, random.Random(3).randrange(params.N), word)
+        predicted = await bench.run(Program.PREDICT)
+        assert predicted.error_code == (0 if hostile == "subnormal" else ErrorCode.NOT_FINITE)
+        # A masked observation may hold anything.
+        await bench.fill("X", rng.normal(size=(2, params.N)))
+        await bench.run(Program.PREDICT)
+        await bench.fill("Z", rng.normal(size=(2, params.N)))
+        await bench.fill("z", rng.normal(size=2))
+        await bench.put("Z", 0, 1, word)
+        await bench.put("z", 0, 0, word)
+        masked = await bench.run(Program.UPDATE, mask=0b10, state_bank=1)
+        assert masked.error_code == 0
+        await bench.run(Program.UPDATE, state_bank=1)
+
+    simulate(params, pipeline, scenario)
+
+
+def test_bad_pivots_are_reported():
+    params, pipeline = UkfParams(n=2, m=2, pes=2), Pipeline()
+    rng = np.random.default_rng(4)
+
+    async def scenario(bench):
+        await bench.fill("L", np.eye(2))
+        await bench.run(Program.INIT)
+        await bench.run(Program.SIG_GEN)
+        points = rng.normal(size=(2, params.N))
+        points[1] = 0.0  # a state without uncertainty is legal
+        await bench.fill("X", points)
+        assert (await bench.run(Program.PREDICT)).error_code == 0
+        observations = rng.normal(size=(2, params.N))
+        observations[1] = 0.0
+        await bench.fill("Z", observations)
+        singular = await bench.run(Program.UPDATE, state_bank=1)
+        assert singular[:2] == (ErrorCode.SINGULAR_OBSERVATION, 1)
+        assert (await bench.run(Program.UPDATE, mask=1, state_bank=1)).error_code == 0
+
+    simulate(params, pipeline, scenario)

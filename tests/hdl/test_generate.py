@@ -1,0 +1,208 @@
+import json
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from ukf_hdl.control import Control
+from ukf_hdl.core import UkfCore
+from ukf_hdl.generate import NAME, c_header, description, generate
+from ukf_hdl.soc import csr
+from ukf_sim.stub_engine import StubEngine
+from ukf_sw.float_format import BINARY16, BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.registers import REGISTERS, ErrorCode, Step
+
+SMALLEST = UkfParams(n=1, m=1)
+NANOSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)
+CONFIGURATIONS = [
+    pytest.param(SMALLEST, id="smallest"),
+    pytest.param(NANOSAT, id="nanosat"),
+    pytest.param(
+        UkfParams(
+            n=3, m=2, q=3, r=2, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+            format=BINARY64, form=Form.COVARIANCE, W0=0.25,
+        ),
+        id="double",
+    ),
+    pytest.param(UkfParams(n=2, m=3, format=BINARY16), id="half"),
+]  # fmt: skip
+
+#: Name, direction and width of every port; None where the parameters decide.
+PORTS = {
+    "aclk": ("input", 1), "aresetn": ("input", 1), "irq": ("output", 1),
+    "s_axi_awaddr": ("input", None), "s_axi_awprot": ("input", 3),
+    "s_axi_awvalid": ("input", 1), "s_axi_awready": ("output", 1),
+    "s_axi_wdata": ("input", 32), "s_axi_wstrb": ("input", 4),
+    "s_axi_wvalid": ("input", 1), "s_axi_wready": ("output", 1),
+    "s_axi_bresp": ("output", 2), "s_axi_bvalid": ("output", 1), "s_axi_bready": ("input", 1),
+    "s_axi_araddr": ("input", None), "s_axi_arprot": ("input", 3),
+    "s_axi_arvalid": ("input", 1), "s_axi_arready": ("output", 1),
+    "s_axi_rdata": ("output", 32), "s_axi_rresp": ("output", 2),
+    "s_axi_rvalid": ("output", 1), "s_axi_rready": ("input", 1),
+}  # fmt: skip
+
+
+def stub_core(params, pipeline=None):
+    return UkfCore(params, pipeline, engine=StubEngine(params))
+
+
+def generate_stub(params, folder):
+    return generate(params, Pipeline(), folder, engine=StubEngine(params))
+
+
+def test_files_are_named_after_the_core(tmp_path):
+    paths = generate_stub(SMALLEST, tmp_path / "new" / "folder")
+    assert [path.name for path in paths] == ["ukf_core.v", "ukf_core.json", "ukf_core.h"]
+    assert all(path.stat().st_size for path in paths)
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_ports_are_the_public_interface(params, tmp_path):
+    """A change here breaks every user of the Verilog: it needs a new major version."""
+    text = generate_stub(params, tmp_path)[0].read_text(encoding="utf-8")
+    module = re.search(rf"^module {NAME}\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
+    assert module is not None
+    assert set(re.findall(r"\w+", module[1])) == set(PORTS)
+    declared = {
+        name: (direction, int(msb or 0) + 1)
+        for direction, msb, name in re.findall(
+            r"^  (input|output) (?:reg )?(?:\[(\d+):0\] )?(\w+);", module[2], re.MULTILINE
+        )
+    }
+    width = MemoryMap(params).address_width
+    assert declared == {
+        name: (direction, width if bits is None else bits)
+        for name, (direction, bits) in PORTS.items()
+    }
+
+
+def test_vivado_can_infer_the_interfaces(tmp_path):
+    text = generate_stub(SMALLEST, tmp_path)[0].read_text(encoding="utf-8")
+    text = text[text.index(f"module {NAME}(") :].partition("endmodule")[0]
+    ports = re.findall(r"((?:^  \(\*.*\*\)\n)*)^  (?:input|output) .*?(\w+);", text, re.MULTILINE)
+    attributes = {name: text for text, name in ports}
+    assert set(attributes) == set(PORTS)
+    for name, value in attributes.items():
+        if name.startswith("s_axi_"):
+            role = name.removeprefix("s_axi_").upper()
+            assert f'"xilinx.com:interface:aximm:1.0 s_axi {role}"' in value
+    assert "PROTOCOL AXI4LITE" in attributes["s_axi_awaddr"]
+    assert "ASSOCIATED_BUSIF s_axi, ASSOCIATED_RESET aresetn" in attributes["aclk"]
+    assert "POLARITY ACTIVE_LOW" in attributes["aresetn"]
+    assert "SENSITIVITY LEVEL_HIGH" in attributes["irq"]
+
+
+def test_generation_is_reproducible(tmp_path, monkeypatch):
+    first = generate(SMALLEST, Pipeline(), tmp_path / "a")
+    monkeypatch.setenv("AMARANTH_USE_YOSYS", "system")
+    second = generate(SMALLEST, Pipeline(), tmp_path / "b")
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
+    assert os.environ["AMARANTH_USE_YOSYS"] == "system", "the caller's choice stays"
+    for path in first:
+        text = path.read_text(encoding="utf-8")
+        assert str(tmp_path) not in text
+        assert not re.search(r"\b20\d\d-\d\d|\\src\b|\.py\b", text)
+
+
+def test_the_environment_is_left_as_it_was(tmp_path, monkeypatch):
+    monkeypatch.delenv("AMARANTH_USE_YOSYS", raising=False)
+    generate_stub(SMALLEST, tmp_path)
+    assert "AMARANTH_USE_YOSYS" not in os.environ
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_description_is_that_of_the_hardware(params, tmp_path):
+    record = json.loads(generate_stub(params, tmp_path)[1].read_text(encoding="utf-8"))
+    assert record == description(stub_core(params))
+    found = {
+        register["name"]: (
+            register["offset"],
+            {
+                field["name"]: (field["lsb"], field["width"], field["access"])
+                for field in register["fields"]
+            },
+        )
+        for register in record["registers"]
+    }
+    assert found == {
+        register.name: (
+            register.offset,
+            {field.name: (field.lsb, field.width, field.access.value) for field in register},
+        )
+        for register in REGISTERS
+    }
+    memory_map = MemoryMap(params)
+    for region in record["regions"]:
+        assert region["base"] == memory_map.address(region["symbol"], 0, 0)
+        last = (region["rows"] - 1, region["columns"] - 1)
+        assert (
+            region["base"] + last[0] * record["row_stride"] + last[1] * record["element_bytes"]
+        ) == memory_map.address(region["symbol"], *last)
+    assert record["parameters"]["n"] == params.n
+    assert record["parameters"]["W0"] == params.W0
+    assert record["parameters"]["format"]["name"] == params.format.name
+    assert record["pipeline"] == {"multiply": 3, "add": 4, "reciprocal_sqrt": 9}
+
+
+def test_a_register_map_that_resolves_otherwise_is_refused():
+    class Moved(Control):
+        def _build_map(self):
+            builder = csr.Builder(addr_width=5, data_width=32)
+            for register, built in self._registers.items():
+                builder.add(register.name, built, offset=register.offset + 4)
+            return builder.as_memory_map()
+
+    with pytest.raises(RuntimeError, match=r"^Register map must resolve to .*, not .*$"):
+        Moved(SMALLEST)
+
+
+def macros(header):
+    return {
+        name: int(value.removesuffix("u"), 0)
+        for name, value in re.findall(r"^#define (UKF_\w+) (\w+)$", header, re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_header_says_what_the_maps_say(params):
+    header = c_header(stub_core(params))
+    found = macros(header)
+    assert len(found) == header.count("#define UKF_") - 1, "a name is defined twice"
+    for register in REGISTERS:
+        assert found[f"UKF_{register.name}_OFFSET"] == register.offset
+        for field in register:
+            assert found[f"UKF_{register.name}_{field.name}_SHIFT"] == field.lsb
+            assert found[f"UKF_{register.name}_{field.name}_MASK"] == field.mask
+    memory_map = MemoryMap(params)
+    for region in memory_map:
+        stem = f"UKF_{region.name.upper()}"
+        assert found[f"{stem}_BASE"] == memory_map.address(region.symbol, 0, 0)
+        assert (found[f"{stem}_ROWS"], found[f"{stem}_COLUMNS"]) == (region.rows, region.columns)
+    for step in Step:
+        assert found[f"UKF_STEP_{step.name}"] == step
+    for code in ErrorCode:
+        assert found[f"UKF_ERROR_CODE_{code.name}"] == code
+    assert found["UKF_ROW_STRIDE"] == memory_map.row_stride
+    assert found["UKF_ELEMENT_BYTES"] == memory_map.element_bytes
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+@pytest.mark.parametrize("standard", ["c99", "c17"])
+def test_header_compiles(standard, tmp_path):
+    header = c_header(stub_core(NANOSAT))
+    (tmp_path / "ukf_core.h").write_text(header, encoding="utf-8")
+    uses = "\n".join(f"    sum += {name};" for name in macros(header))
+    (tmp_path / "main.c").write_text(
+        '#include "ukf_core.h"\n#include "ukf_core.h"\n'
+        f"int main(void)\n{{\n    unsigned long sum = 0;\n{uses}\n    return sum == 0;\n}}\n",
+        encoding="utf-8",
+    )
+    result = subprocess.run(
+        ["gcc", f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "main.c"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr

@@ -1,0 +1,185 @@
+"""Golden arithmetic against gmpy2 and NumPy, which share no code with it."""
+
+import gmpy2
+import numpy as np
+import pytest
+from numba import njit
+
+from ukf_sw import arithmetic
+from ukf_sw.arithmetic import (
+    add_scalar,
+    multiply_scalar,
+    reciprocal_sqrt_scalar,
+    reciprocal_sqrt_table,
+    scalar_parameters,
+)
+from ukf_sw.float_format import BINARY32, BINARY64, FORMATS, FloatFormat
+
+COUNT = 6000
+ALL_FORMATS = [
+    *FORMATS.values(),
+    *(
+        FloatFormat(exponent_bits=exponent_bits, fraction_bits=fraction_bits)
+        for exponent_bits, fraction_bits in [
+            (4, 5), (4, 52), (5, 23), (8, 24), (8, 25), (8, 40), (8, 52), (11, 5), (11, 23),
+            (11, 24), (11, 25), (11, 50), (11, 51), (10, 51), (9, 23),
+        ]
+    ),
+]  # fmt: skip
+WIDE = gmpy2.context(precision=300, emin=-(1 << 20), emax=1 << 20)
+
+
+def oracle(fmt, operator, first, second):
+    """Exact results, rounded once with an unbounded exponent, then flushed or made infinite."""
+    context = gmpy2.context(precision=fmt.precision, emin=-(1 << 20), emax=1 << 20)
+    function = {"add": context.add, "multiply": context.mul}[operator]
+    results = []
+    for a, b in zip(first.tolist(), second.tolist(), strict=True):
+        exact = function(gmpy2.mpfr(a, 53), gmpy2.mpfr(b, 53))
+        if gmpy2.is_nan(exact):
+            results.append(np.nan)
+            continue
+        sign = -1.0 if gmpy2.is_signed(exact) else 1.0
+        if abs(exact) < fmt.min_normal:
+            results.append(sign * 0.0)
+        elif abs(exact) > fmt.max_finite:
+            results.append(sign * np.inf)
+        else:
+            results.append(float(exact))
+    return np.array(results)
+
+
+def hostile_operands(fmt, rng, count):
+    """Specials, all pairs of them first; then numbers chosen for their sum or product."""
+    low, high, step = fmt.min_normal, fmt.max_finite, fmt.epsilon
+    positive = [
+        0.0, 1.0, 1.0 + step, 2.0 - step, low, low * (1 + step), low * (2 - step), high,
+        high / 2, high * (1 - step), np.inf,
+    ]  # fmt: skip
+    specials = fmt.round([*positive, *(-value for value in positive), np.nan])
+    pairs = np.array([(a, b) for a in specials for b in specials])
+
+    emin, emax = 1 - fmt.bias, fmt.bias
+    fraction_steps = rng.integers(0, 2**fmt.fraction_bits, (2, count))
+    # Short fractions make ties, runs of ones make carries.
+    kind = rng.integers(0, 4, (2, count))
+    mask = 2**fmt.fraction_bits - 1
+    cut = rng.integers(0, fmt.fraction_bits, (2, count))
+    fraction_steps = np.choose(
+        kind, [fraction_steps, fraction_steps, mask ^ (mask >> cut), np.int64(1) << cut]
+    )
+    significand = 1.0 + fraction_steps * step
+    exponent = rng.integers(emin, emax + 1, (2, count))
+    partner = rng.integers(0, 6, count)
+    exponent[1] = np.choose(
+        partner,
+        [
+            exponent[1],
+            exponent[0] + rng.integers(-fmt.precision - 2, fmt.precision + 3, count),
+            exponent[0] + rng.integers(-1, 2, count),
+            emin - exponent[0] + rng.integers(-2, 2, count),  # product near the smallest
+            emax - exponent[0] + rng.integers(-1, 2, count),  # product near the largest
+            np.minimum(emin + rng.integers(0, 4, count), emax),
+        ],
+    )
+    low_sum = rng.random(count) < 0.1
+    exponent[0] = np.where(low_sum, emin + rng.integers(0, 3, count), exponent[0])
+    exponent = np.clip(exponent, emin, emax)
+    values = np.ldexp(significand, exponent) * rng.choice([-1.0, 1.0], (2, count))
+    # Neighbours, which nearly cancel.
+    close = rng.random(count) < 0.1
+    neighbour = -values[0] * (1 + rng.integers(-2, 3, count) * step)
+    values[1] = np.where(close, neighbour, values[1])
+    values = fmt.round(np.clip(values, -high, high))
+    return np.concatenate([pairs.T, values], axis=1)
+
+
+def assert_same(actual, expected, *operands):
+    """Equal bit by bit, except that any NaN is as good as any other."""
+    same = (np.isnan(actual) & np.isnan(expected)) | (
+        (actual == expected) & (np.signbit(actual) == np.signbit(expected))
+    )
+    wrong = np.flatnonzero(~same)
+    assert wrong.size == 0, [
+        tuple(float(values[i]).hex() for values in (*operands, actual, expected)) for i in wrong[:3]
+    ]
+
+
+@pytest.mark.parametrize("fmt", ALL_FORMATS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("operator", ["add", "multiply"])
+def test_agrees_with_gmpy2(operator, fmt):
+    a, b = hostile_operands(fmt, np.random.default_rng(11), COUNT)
+    actual = getattr(arithmetic, operator)(fmt, a, b)
+    assert_same(actual, oracle(fmt, operator, a, b), a, b)
+    assert_same(actual, fmt.decode(fmt.encode(actual)))  # representable
+    for special in (0.0, np.inf, fmt.min_normal):
+        assert np.count_nonzero(actual == special) > 3
+    assert np.count_nonzero(np.isnan(actual)) > 3
+
+
+@pytest.mark.parametrize("operator", ["add", "multiply"])
+def test_binary32_agrees_with_numpy(operator):
+    rng = np.random.default_rng(5)
+    a, b = hostile_operands(BINARY32, rng, 200_000)
+    with np.errstate(all="ignore"):
+        expected = getattr(np, operator)(a.astype(np.float32), b.astype(np.float32))
+        exact = getattr(np, operator)(a, b)
+    expected = expected.astype(np.float64)
+    expected[np.abs(exact) < 2.0**-126 - 2.0**-151] *= 0
+    assert_same(getattr(arithmetic, operator)(BINARY32, a, b), expected, a, b)
+
+
+@pytest.mark.parametrize("fmt", ALL_FORMATS, ids=lambda fmt: fmt.name)
+def test_flush_is_after_rounding(fmt):
+    """The largest product below the smallest normal number rounds up to it, or does not."""
+    below_two = 2.0 - fmt.epsilon
+    half_low = fmt.min_normal / 2 if fmt.min_normal > 2.0**-1022 else None
+    # (2 - step) * (1 + step) / 2 = 1 + step / 2 - step**2 / 2 rounds to 1 or up; its neighbours:
+    above = arithmetic.multiply(fmt, below_two / 2, fmt.min_normal * (1 + fmt.epsilon))
+    assert above == fmt.min_normal
+    assert arithmetic.multiply(fmt, below_two / 2, fmt.min_normal) == 0.0
+    assert np.signbit(arithmetic.multiply(fmt, -below_two / 2, fmt.min_normal))
+    # (1 - t)(1 + t) = 1 - t**2, a little below the limit, rounds up to it.
+    if half_low is not None:
+        step = 2.0 ** -(fmt.fraction_bits - 2)
+        assert (
+            arithmetic.multiply(fmt, 1.0 - step, fmt.min_normal * (1.0 + step))
+            == oracle(
+                fmt, "multiply", np.array([1.0 - step]), np.array([fmt.min_normal * (1 + step)])
+            )[0]
+        )
+
+
+def test_signed_zeros():
+    for fmt in FORMATS.values():
+        assert not np.signbit(arithmetic.add(fmt, 1.5, -1.5))
+        assert np.signbit(arithmetic.add(fmt, -0.0, -0.0))
+        assert not np.signbit(arithmetic.add(fmt, -0.0, 0.0))
+        assert np.signbit(arithmetic.multiply(fmt, -0.0, 3.0))
+        assert not np.signbit(arithmetic.reciprocal_sqrt(fmt, -0.0))
+
+
+@pytest.mark.parametrize("fmt", FORMATS.values(), ids=lambda fmt: fmt.name)
+def test_subnormal_operands_read_as_zeros(fmt):
+    tiny = fmt.min_normal / 2
+    assert arithmetic.add(fmt, tiny, tiny) == 0
+    assert arithmetic.multiply(fmt, tiny, fmt.max_finite) == 0
+    assert np.isnan(arithmetic.multiply(fmt, -tiny, np.inf))
+    assert arithmetic.reciprocal_sqrt(fmt, -tiny) == 0
+
+
+def test_operands_broadcast():
+    total = arithmetic.add(BINARY32, [[1.0], [2.0]], [10.0, 20.0, 30.0])
+    assert total.tolist() == [[11.0, 21.0, 31.0], [12.0, 22.0, 32.0]]
+    assert arithmetic.add(BINARY64, 1.0, 2.0).shape == ()
+
+
+@pytest.mark.parametrize("fmt", ALL_FORMATS, ids=lambda fmt: fmt.name)
+def test_kernels_work_in_compiled_code(fmt):
+    @njit
+    def kernel(a, b, parameters, table):
+        product = multiply_scalar(a, b, parameters)
+        return add_scalar(product, reciprocal_sqrt_scalar(b, parameters, table), parameters)
+
+    actual = kernel(1.5, 4.0, scalar_parameters(fmt), reciprocal_sqrt_table(fmt))
+    assert actual == 6.5

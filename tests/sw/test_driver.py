@@ -1,0 +1,474 @@
+import numpy as np
+import pytest
+
+from ukf_sw.bus import WordCodec
+from ukf_sw.driver import Driver, Traffic
+from ukf_sw.errors import (
+    BusError,
+    CoreError,
+    CoreTimeoutError,
+    IllegalStepError,
+    NotFiniteError,
+    NotPositiveDefiniteError,
+    SingularObservationError,
+    StepLostError,
+    UkfError,
+    WrongCoreError,
+)
+from ukf_sw.filter import Backend
+from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
+from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.registers import (
+    CONFIG,
+    CONTROL,
+    CYCLES,
+    ERROR,
+    ID,
+    INTERRUPT_PENDING,
+    MASK,
+    REGISTERS,
+    SIZES,
+    STATUS,
+    ErrorCode,
+    Step,
+)
+
+SMALL = UkfParams(n=2, m=2, q=1, r=2)
+ADDITIVE = {"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}
+REGISTER_SPACE = max(register.offset for register in REGISTERS) + 4
+
+
+class SingleBus:
+    """A bus without block accesses: notes them all, and can be told to lie or to fail."""
+
+    def __init__(self, core):
+        self.core = core
+        self.bus = GoldenBus(core)
+        self.lies = {}
+        self.refuse = None
+        self.reads, self.writes = [], []
+
+    def read(self, address):
+        self.reads.append(address)
+        if address == self.refuse:
+            raise BusError(address, "read")
+        lie = self.lies.get(address)
+        return self.bus.read(address) if lie is None else lie
+
+    def write(self, address, word):
+        if address == self.refuse:
+            raise BusError(address, "write")
+        self.writes.append((address, word))
+        self.bus.write(address, word)
+
+
+class Clock:
+    """Time that passes by looking at it."""
+
+    def __init__(self):
+        self.time = 0.0
+
+    def __call__(self):
+        self.time += 0.25
+        return self.time
+
+
+def start(params=SMALL, *, bus=None, core=None, **options):
+    """Make a driver that has been through INIT, and what it needs."""
+    core = core or GoldenCore(params)
+    bus = bus or SingleBus(core)
+    driver = Driver(bus, params, **options)
+    n, q, r = params.n, params.q, params.r
+    driver.initialise(np.arange(1.0, n + 1), np.eye(n), np.eye(q) * 0.01, np.eye(r) * 0.1)
+    return driver, bus, core
+
+
+def iterate(driver, z=None):
+    params = driver.params
+    W, V = driver.noise_points()
+    points = driver.sigma_points()
+    moved = points.copy()
+    moved[: len(W)] += W[: params.n]
+    points = driver.predict(moved)
+    observed = np.resize(points, (params.m, params.N)) + (V if params.r == params.m else 0.0)
+    z = np.zeros(params.m) if z is None else z
+    return driver.update(observed, z, np.ones(params.m, dtype=bool))
+
+
+def test_is_a_backend():
+    assert isinstance(start()[0], Backend)
+
+
+# What core is there.
+
+
+@pytest.mark.parametrize(
+    ("register", "field"),
+    [
+        (register, field.name)
+        for register in (ID, SIZES, CONFIG)
+        for field in register
+        if field.name != "PES"
+    ],
+)
+def test_wrong_core_is_named(register, field):
+    core = GoldenCore(SMALL)
+    bus = SingleBus(core)
+    word = bus.read(register.offset)
+    expected = register[field].get(word)
+    bus.lies[register.offset] = word ^ register[field].put(1)
+    message = (
+        rf"^{register.name}\.{field} of the core must be {expected:#x}, not {expected ^ 1:#x}$"
+    )
+    with pytest.raises(WrongCoreError, match=message) as caught:
+        Driver(bus, SMALL)
+    error = caught.value
+    assert (error.field, error.expected, error.found) == (
+        f"{register.name}.{field}", expected, expected ^ 1
+    )  # fmt: skip
+    assert bus.writes == []
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        UkfParams(n=1, m=1),
+        UkfParams(n=2, m=3, q=2, r=3, format=BINARY64, **ADDITIVE),
+        UkfParams(n=3, m=1, q=3, r=2, format=BFLOAT16, process_noise=Noise.ADDITIVE),
+        UkfParams(n=3, m=2, q=1, r=2, form=Form.COVARIANCE, observation_noise=Noise.ADDITIVE),
+    ],
+)
+def test_right_core_is_accepted(params):
+    driver, _, core = start(params)
+    assert core.initialised
+    assert driver.params == params
+
+
+def test_number_of_processing_elements_is_read_and_may_differ():
+    core = GoldenCore(UkfParams(n=2, m=2, q=1, r=2, pes=3))
+    driver, _, _ = start(core=core)
+    assert driver.pes == 3
+    iterate(driver)
+
+
+@pytest.mark.parametrize("timeout", [0.0, -1.0, float("nan")])
+def test_wrong_timeout_is_refused(timeout):
+    with pytest.raises(ValueError, match=r"^timeout must be more than 0 s, not "):
+        Driver(SingleBus(GoldenCore(SMALL)), SMALL, timeout=timeout)
+
+
+def test_wrong_params_are_refused():
+    with pytest.raises(TypeError, match=r"^params must be a UkfParams, not 3$"):
+        Driver(SingleBus(GoldenCore(SMALL)), 3)
+
+
+# Numbers.
+
+
+@pytest.mark.parametrize("number_format", FORMATS.values(), ids=FORMATS)
+def test_words_are_those_of_the_format(number_format):
+    codec = WordCodec(number_format)
+    rng = np.random.default_rng(2)
+    tiny, huge = number_format.min_normal, number_format.max_finite
+    edges = [
+        0.0, -0.0, tiny, -tiny, tiny / 2, tiny * (1 - 2.0**-25), tiny * (1 - 2.0**-24),
+        np.nextafter(tiny, 0.0), 1e-320, np.inf, -np.inf, np.nan, huge, -huge,
+    ]  # fmt: skip
+    samples = rng.standard_normal(1000)
+    for values in (samples, np.array(edges), *np.array(edges)[:, None]):
+        words = number_format.encode(values)
+        ours = codec.to_words(values)
+        if number_format is BINARY64:
+            pairs = ours.reshape(-1, 2).astype(np.uint64)
+            np.testing.assert_array_equal(pairs[:, 0] | pairs[:, 1] << np.uint64(32), words)
+        else:
+            np.testing.assert_array_equal(ours, words)
+        np.testing.assert_array_equal(codec.from_words(ours), number_format.decode(words))
+    raw = rng.integers(0, 1 << 32, 1000, dtype=np.uint32)
+    wide = raw if number_format.bus_words == 1 else raw[::2] | raw[1::2].astype(np.uint64) << 32
+    np.testing.assert_array_equal(codec.from_words(raw), number_format.decode(wide))
+
+
+# Traffic.
+
+
+@pytest.mark.parametrize(
+    ("noise", "read", "written"), [({}, 63 + 7, 154 + 132 + 6), (ADDITIVE, 63 + 7, 63 + 54 + 6)]
+)
+def test_traffic_of_the_nanosatellite(noise, read, written):
+    driver, bus, _ = start(UkfParams(n=7, m=6, q=7, r=6, pes=4, **noise))
+    moved, observed = np.ones((7, driver.params.N)), np.ones((6, driver.params.N))
+    moved[:, 0] = observed[:, 0] = 2.0
+    observed *= np.random.default_rng(1).standard_normal(observed.shape)
+    for _ in range(2):
+        before = driver.traffic
+        reads, writes = len(bus.reads), len(bus.writes)
+        driver.sigma_points()
+        driver.predict(moved + np.random.default_rng(1).standard_normal(moved.shape))
+        driver.update(observed, np.zeros(6), np.ones(6, dtype=bool))
+        driver.state()
+        traffic = driver.traffic - before
+        assert (traffic.words_read, traffic.words_written) == (read, written)
+        assert traffic.words == (362 if noise == {} else 193)
+        assert len(bus.reads) - reads == traffic.words_read + traffic.control_reads
+        assert len(bus.writes) - writes == traffic.words_written + traffic.control_writes
+    # Three steps: start, STATUS and ERROR of each; NIS. The mask is written only once.
+    assert traffic == Traffic(
+        words_read=read, words_written=written, control_reads=7, control_writes=3
+    )
+
+
+@pytest.mark.parametrize("number_format", [BINARY16, BINARY32, BINARY64])
+@pytest.mark.parametrize("noise", [{}, ADDITIVE])
+def test_blocks_and_single_accesses_are_the_same(number_format, noise):
+    params = UkfParams(n=2, m=2, q=2, r=2, format=number_format, **noise)
+    outcomes = []
+    for make in (SingleBus, GoldenBus):
+        core = GoldenCore(params)
+        driver, _, _ = start(params, bus=make(core), core=core)
+        results = [iterate(driver), iterate(driver, np.array([1.0, 3.0]))]
+        driver.set_noise(np.eye(2) * 0.5, np.eye(2) * 0.25)
+        results.append(iterate(driver))
+        outcomes.append(
+            (results, driver.traffic, driver.state().tolist(), driver.covariance().tolist(),
+             core.words.tolist())
+        )  # fmt: skip
+    assert outcomes[0] == outcomes[1]
+
+
+def test_only_distinct_columns_are_read():
+    driver, bus, _ = start()
+    bus.reads.clear()
+    points = driver.sigma_points()
+    memory_map = MemoryMap(SMALL)
+    X = {memory_map.address("X", i, k) for i in range(2) for k in range(4)}
+    assert {address for address in bus.reads if address >= REGISTER_SPACE} == X
+    np.testing.assert_array_equal(points[:, 4:], np.repeat(points[:, :1], 3, axis=1))
+
+
+def test_covariance_reads_the_lower_triangle():
+    driver, bus, _ = start(UkfParams(n=4, m=1, q=0, r=1))
+    P = np.eye(4) + 0.5
+    driver.set_covariance(P)
+    bus.reads.clear()
+    np.testing.assert_allclose(driver.covariance(), P, rtol=1e-6)
+    assert sum(address >= REGISTER_SPACE for address in bus.reads) == 10
+
+
+def test_mask_is_written_when_it_changes():
+    driver, bus, _ = start()
+    points = driver.predict(driver.sigma_points() + 0.1)
+    bus.writes.clear()
+    for mask in ([True, False], [True, False], [False, True]):
+        driver.update(points, np.zeros(2), np.array(mask))
+        points = driver.sigma_points()
+    assert [word for address, word in bus.writes if address == MASK.offset] == [0b01, 0b10]
+
+
+# Steps.
+
+
+def test_cycles_are_counted_if_asked():
+    driver, _, core = start(count_cycles=True)
+    iterate(driver)
+    driver.covariance()
+    assert set(driver.last_cycles) == {"INIT", "SIG_GEN", "PREDICT", "UPDATE", "COVARIANCE"}
+    assert driver.last_cycles["COVARIANCE"] == core.read(CYCLES.offset)[0] > 0
+    assert start()[0].last_cycles == {}
+
+
+@pytest.mark.parametrize(
+    ("code", "expected", "message"),
+    [
+        (ErrorCode.ILLEGAL_STEP, IllegalStepError, r"^PREDICT must not start"),
+        (ErrorCode.NOT_FINITE, NotFiniteError, r"^PREDICT met NaN or infinity$"),
+        (ErrorCode.SINGULAR_OBSERVATION, SingularObservationError, r"singular at row 3$"),
+        (ErrorCode.NOT_POSITIVE_DEFINITE, NotPositiveDefiniteError, r"definite at row 3$"),
+        (77, CoreError, r"^PREDICT ended with the unknown error 77, index 3$"),
+    ],
+)
+def test_error_codes(code, expected, message):
+    driver, bus, _ = start()
+    points = driver.sigma_points()
+    bus.lies[ERROR.offset] = ERROR["CODE"].put(code) | ERROR["INDEX"].put(3)
+    with pytest.raises(expected, match=message) as caught:
+        driver.predict(points)
+    assert isinstance(caught.value, UkfError)
+    assert caught.value.step is Step.PREDICT
+    assert getattr(caught.value, "index", 3) == 3
+
+
+def test_overflow_on_the_way_to_the_core_is_its_error():
+    driver, _, _ = start()
+    points = driver.sigma_points()
+    before = driver.state()
+    moved = points.copy()
+    moved[1, 3] = 1e300
+    with pytest.raises(NotFiniteError):
+        driver.predict(moved)
+    np.testing.assert_array_equal(driver.state(), before)
+    np.testing.assert_array_equal(driver.sigma_points(), points)
+
+
+def test_a_step_out_of_sequence_is_illegal():
+    driver, _, _ = start()
+    with pytest.raises(IllegalStepError):
+        driver.update(np.zeros((2, 7)), np.zeros(2), np.ones(2, dtype=bool))
+
+
+def test_a_step_dropped_by_another_is_lost():
+    driver, bus, _ = start()
+    bus.lies[STATUS.offset] = STATUS["INITIALISED"].mask
+    with pytest.raises(StepLostError, match=r"^SIG_GEN was dropped by a reset"):
+        driver.sigma_points()
+
+
+def test_polling_times_out_and_the_driver_goes_on():
+    driver, _, core = start(clock=Clock(), timeout=5.0)
+    points = driver.sigma_points()
+    core.hold = True
+    with pytest.raises(CoreTimeoutError, match=r"^PREDICT did not end within 5\.0 s: it still runs"
+                       r", STATUS\.STATE was PREDICT$") as caught:  # fmt: skip
+        driver.predict(points + 1.0)
+    assert isinstance(caught.value, TimeoutError)
+    assert caught.value.timeout == 5.0
+    core.hold = False
+    np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
+    np.testing.assert_array_equal(driver.sigma_points(), points)
+    iterate(driver)
+
+
+def test_polling_waits():
+    """A step that ends late, but in time."""
+    core = GoldenCore(SMALL)
+    clock = Clock()
+    driver, bus, _ = start(core=core, clock=clock, timeout=5.0)
+    driver.sigma_points()
+    core.hold = True
+    read = bus.read
+    polls = 0
+
+    def finish_on_the_third(address):
+        nonlocal polls
+        polls += address == STATUS.offset
+        if polls == 3 and core.busy:
+            core.finish()
+        return read(address)
+
+    bus.read = finish_on_the_third
+    driver.predict(np.ones((2, 7)))
+    assert polls == 3
+
+
+def test_points_overwritten_in_part_are_drawn_again():
+    driver, bus, core = start()
+    points = driver.sigma_points()
+    bus.refuse = MemoryMap(SMALL).address("X", 1, 2)
+    with pytest.raises(BusError) as caught:
+        driver.predict(points + 1.0)
+    assert caught.value.address == bus.refuse
+    bus.refuse = None
+    assert core.points  # so SIG_GEN alone would do nothing
+    np.testing.assert_array_equal(driver.sigma_points(), points)
+    np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
+
+
+@pytest.mark.parametrize("refused", [CONTROL, STATUS, ERROR])
+def test_refused_register_accesses_are_passed_on(refused):
+    driver, bus, _ = start()
+    bus.refuse = refused.offset
+    with pytest.raises(BusError, match=rf"at address {refused.offset:#x}$"):
+        driver.sigma_points()
+
+
+# Interrupts.
+
+
+def test_interrupts_are_awaited_and_cleared():
+    core = GoldenCore(SMALL)
+    waits = []
+
+    def interrupt(timeout):
+        waits.append(timeout)
+        return core.irq
+
+    driver, bus, _ = start(core=core, interrupt=interrupt, timeout=2.0)
+    count = len(waits)
+    polled, _, _ = start()
+    bus.reads.clear()
+    assert iterate(driver) == iterate(polled)
+    assert len(waits) - count == 3
+    assert bus.reads.count(STATUS.offset) == 3
+    assert all(0.0 < wait <= 2.0 for wait in waits)
+    assert not core.irq
+    assert core.read(INTERRUPT_PENDING.offset) == (0, True)
+
+
+def test_a_missing_interrupt_times_out():
+    core = GoldenCore(SMALL)
+    with pytest.raises(CoreTimeoutError, match=r"^INIT did not end within 1\.0 s: no interrupt, "
+                       r"STATUS\.STATE was IDLE$"):  # fmt: skip
+        start(core=core, interrupt=lambda timeout: False)
+
+
+def test_a_spurious_interrupt_is_not_the_end():
+    core = GoldenCore(SMALL)
+    driver, _, _ = start(core=core, interrupt=lambda timeout: core.irq)
+    answers = iter([True, True, None])
+
+    def interrupt(timeout):
+        if next(answers) is None:
+            core.finish()
+        return True
+
+    driver._interrupt = interrupt
+    core.hold = True
+    driver.sigma_points()
+    assert core.points
+
+
+def test_polling_leaves_interrupts_off():
+    _, _, core = start()
+    assert not core.irq
+
+
+# State.
+
+
+def test_noise_points_are_read_once_written():
+    driver, _, _ = start(UkfParams(n=2, m=1, q=2, r=1, observation_noise=Noise.ADDITIVE))
+    W, V = driver.noise_points()
+    assert V.shape == (1, 6)
+    assert not V.any()
+    np.testing.assert_allclose(W @ W.T / 5, np.eye(2) * 0.01, rtol=1e-6, atol=1e-9)
+    driver.set_noise(np.array([[1.0, 0.5], [0.5, 2.0]]), np.eye(1))
+    W, _ = driver.noise_points()
+    np.testing.assert_allclose(W @ W.T / 5, [[1.0, 0.5], [0.5, 2.0]], rtol=1e-6)
+
+
+def test_noise_may_change_between_predict_and_update():
+    driver, _, _ = start()
+    driver.predict(driver.sigma_points() * 2.0)
+    x, P = driver.state(), driver.covariance()
+    driver.set_noise(np.eye(1), np.eye(2))
+    np.testing.assert_array_equal(driver.state(), x)
+    np.testing.assert_allclose(driver.covariance(), P, rtol=1e-6)
+
+
+def test_set_state_keeps_a_predicted_covariance():
+    driver, _, _ = start()
+    driver.predict(driver.sigma_points() * 2.0)
+    P = driver.covariance()
+    driver.set_state(np.array([5.0, 6.0]))
+    points = driver.sigma_points()
+    np.testing.assert_array_equal(points[:, 0], [5.0, 6.0])
+    np.testing.assert_allclose(driver.covariance(), P, rtol=1e-6)
+
+
+def test_status_has_every_field():
+    driver, _, _ = start()
+    status = driver.status()
+    assert set(status) == {f"{r.name}.{f.name}" for r in (STATUS, ERROR) for f in r}
+    assert status["STATUS.INITIALISED"] == 1

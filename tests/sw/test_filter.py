@@ -1,0 +1,514 @@
+import re
+
+import numpy as np
+import pytest
+
+from ukf_sw.driver import Driver
+from ukf_sw.errors import CoreTimeoutError, NotFiniteError, SingularObservationError
+from ukf_sw.filter import Backend, UnscentedKalmanFilter
+from ukf_sw.float_format import BINARY64
+from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.models import wrap
+from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.reference import ReferenceUkf
+
+BACKENDS = ["reference", "golden"]
+PARAMS = UkfParams(n=3, m=2, q=2, r=2, format=BINARY64, pes=3)
+X0 = np.array([1.0, 0.5, -0.2])
+P0 = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.3]])
+Q = np.diag([0.01, 0.02])
+R = np.array([[0.1, 0.02], [0.02, 0.2]])
+
+
+def f(x, w, u):
+    """Works for one point and for all; adds two noise terms to three states."""
+    force = 0.0 if u is None else u
+    a = x[0] + 0.1 * x[1]
+    b = x[1] - 0.1 * np.sin(x[0]) + force
+    c = 0.9 * x[2] + 0.05 * x[0] * x[1]
+    return np.array([a + w[0], b + w[1], c + 0.1 * w[-1] * x[0]])
+
+
+def h(x, v, gain=1.0):
+    return np.array([gain * np.hypot(x[0], 1.0 + x[2]) + v[0], x[1] * x[0] + v[1]])
+
+
+def make(backend="reference", params=PARAMS, **options):
+    given = {"x0": X0, "P0": P0, "Q": Q, "R": R} | options
+    return UnscentedKalmanFilter(
+        given.pop("f", f), given.pop("h", h), params, backend=backend, **given
+    )
+
+
+def on_core(**options):
+    """Make a filter on a golden core, and that core."""
+    core = GoldenCore(PARAMS)
+    driver = Driver(GoldenBus(core), PARAMS, timeout=0.001)
+    return make(driver, **options), core
+
+
+@pytest.fixture(params=BACKENDS)
+def ukf(request):
+    return make(request.param)
+
+
+def estimate(ukf):
+    return ukf.x.tolist(), ukf.P.tolist()
+
+
+# What the constructor refuses.
+
+BAD = [
+    ({"f": 3}, TypeError, "f must be callable, not 3"),
+    ({"h": None}, TypeError, "h must be callable, not None"),
+    ({"params": "nanosat"}, TypeError, "params must be a UkfParams, not 'nanosat'"),
+    ({"x0": [1.0, 2.0]}, ValueError, "x0 must have the shape (3,), not (2,)"),
+    ({"x0": [1.0, 2.0, np.nan]}, ValueError, "x0 must be finite, not [1.0, 2.0, nan]"),
+    ({"x0": "abc"}, TypeError, "x0 must be an array of real numbers, not 'abc'"),
+    ({"x0": [1j, 0, 0]}, TypeError, "x0 must be an array of real numbers, not [1j, 0, 0]"),
+    ({"x0": [[1], [1, 2]]}, TypeError, "x0 must be an array of real numbers, not [[1], [1, 2]]"),
+    ({"P0": np.eye(2)}, ValueError, "P0 must have the shape (3, 3), not (2, 2)"),
+    ({"P0": np.diag([1.0, np.inf, 1.0])}, ValueError, "P0 must be finite, not [[1.0, 0.0, 0.0], "),
+    ({"P0": np.eye(3) + np.eye(3, k=1)}, ValueError,
+     "P0 must be symmetric, not 1.0 at (0, 1) and 0.0 at (1, 0)"),
+    ({"P0": np.diag([1.0, -2.0, 1.0])}, ValueError,
+     "P0 must be positive semidefinite, its smallest eigenvalue not -2.0"),
+    ({"P0": np.diag([1.0, 0.0, 1.0]),
+      "params": UkfParams(n=3, m=2, q=2, r=2, form=Form.COVARIANCE)},
+     ValueError, "P0 must be positive definite, its smallest eigenvalue not 0.0"),
+    ({"Q": -np.eye(2)}, ValueError,
+     "Q must be positive semidefinite, its smallest eigenvalue not -1.0"),
+    ({"Q": None}, TypeError, "Q must be a matrix of shape (2, 2), not None"),
+    ({"R": np.eye(3)}, ValueError, "R must have the shape (2, 2), not (3, 3)"),
+    ({"backend": "fpga"}, ValueError, "backend must be 'reference' or 'golden', not 'fpga'"),
+    ({"backend": 3}, TypeError, "backend must be a name or a Backend, not 3"),
+    ({"backend": ReferenceUkf(UkfParams(n=1, m=1))}, ValueError,
+     "params of the backend must be UkfParams(n=3"),
+    ({"state_angles": (3,)}, ValueError, "state_angles must be between 0 and 2, not 3"),
+    ({"observation_angles": (-1,)}, ValueError,
+     "observation_angles must be between 0 and 1, not -1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "kind", "message"), BAD)
+def test_wrong_arguments_are_refused(options, kind, message):
+    with pytest.raises(kind, match="^" + re.escape(message)):
+        make(**options)
+
+
+BAD_CALLS = [
+    (lambda ukf: setattr(ukf, "x", [1.0]), ValueError, "x must have the shape (3,), not (1,)"),
+    (lambda ukf: setattr(ukf, "P", -P0), ValueError, "P must be positive semidefinite, its"),
+    (lambda ukf: setattr(ukf, "Q", P0), ValueError, "Q must have the shape (2, 2), not (3, 3)"),
+    (lambda ukf: setattr(ukf, "R", [[1.0, 2.0], [2.0, 1.0]]), ValueError,
+     "R must be positive semidefinite, its smallest eigenvalue not -"),
+    (lambda ukf: setattr(ukf, "gate", -1.0), ValueError, "gate must be at least 0, not -1.0"),
+    (lambda ukf: setattr(ukf, "gate", np.nan), ValueError, "gate must be at least 0, not nan"),
+    (lambda ukf: setattr(ukf, "gate", "9"), TypeError, "gate must be a float, not '9'"),
+    (lambda ukf: setattr(ukf, "mask", [1, 0]), TypeError,
+     "mask must be an array of bool, not [1, 0]"),
+    (lambda ukf: ukf.update([1.0, 2.0], mask=[True]), ValueError,
+     "mask must have the shape (2,), not (1,)"),
+    (lambda ukf: ukf.update([1.0]), ValueError, "z must have the shape (2,), not (1,)"),
+    (lambda ukf: ukf.update([1.0, np.nan]), ValueError,
+     "z must be finite where sampled, not [1.0, nan]"),
+    (lambda ukf: ukf.update([1.0, np.nan], mask=[False, True]), ValueError,
+     "z must be finite where sampled, not [1.0, nan]"),
+    (lambda ukf: ukf.update("no"), TypeError, "z must be an array of real numbers, not 'no'"),
+    (lambda ukf: ukf.reset(x=[1.0]), ValueError, "x must have the shape (3,), not (1,)"),
+    (lambda ukf: ukf.reset(P=np.eye(2)), ValueError, "P must have the shape (3, 3), not (2, 2)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "kind", "message"), BAD_CALLS)
+def test_wrong_calls_are_refused_and_lose_nothing(ukf, call, kind, message):
+    twin = make("reference")
+    for each in (ukf, twin):
+        each.predict(0.1)
+    before = estimate(ukf)
+    with pytest.raises(kind, match="^" + re.escape(message)):
+        call(ukf)
+    assert estimate(ukf) == before
+    for each in (ukf, twin):
+        each.update([2.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+
+
+# What models must not return.
+
+
+def returns(value):
+    return lambda: lambda *_: value
+
+
+def breaks_at(index, good, bad):
+    """Make a model that returns something else at one sigma point."""
+
+    def make_model():
+        calls = iter(range(100))
+        return lambda *_: bad if next(calls) == index else good
+
+    return make_model
+
+
+BAD_MODELS = [
+    (returns([1.0, 2.0]), ValueError, "must return the shape ({0},), at sigma point 0, not (2,)"),
+    (returns(None), TypeError, "must return real numbers, at sigma point 0, not None"),
+    (returns("abc"), TypeError, "must return real numbers, at sigma point 0, not 'abc'"),
+    (returns([1j] * 3), TypeError, "must return real numbers, at sigma point 0, not [1j, 1j, 1j]"),
+    (returns([[1], [1, 2]]), TypeError, "must return an array of numbers, at sigma point 0"),
+    (breaks_at(4, np.zeros(3), [0.0, np.nan, 0.0]), ValueError,
+     "must return finite numbers, at sigma point 4, not nan in row 1"),
+    (breaks_at(8, np.zeros(3), [np.inf, 0.0, 0.0]), ValueError,
+     "must return finite numbers, at sigma point 8, not inf in row 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("model", "kind", "message"), BAD_MODELS)
+def test_wrong_results_of_the_process_model_are_named(backend, model, kind, message):
+    ukf = make(backend, f=model())
+    before = estimate(ukf)
+    with pytest.raises(kind, match="^process model f " + re.escape(message.format(3))):
+        ukf.predict()
+    assert estimate(ukf) == before
+
+
+def test_wrong_results_of_the_observation_model_are_named(ukf):
+    ukf.predict()
+    before = estimate(ukf)
+    ukf._h = lambda x, v: [0.0, 1.0, 2.0]
+    with pytest.raises(ValueError, match=r"^observation model h must return the shape \(2,\), at"):
+        ukf.update([0.0, 0.0])
+    assert estimate(ukf) == before
+
+
+def test_wrong_results_of_vectorized_models_are_named():
+    ukf = make(f=lambda x, w, u: x[:2], vectorized=True)
+    with pytest.raises(ValueError, match=r"shape \(3, 9\), one column a sigma point, not \(2, 9\)"):
+        ukf.predict()
+
+
+def test_what_a_model_raises_names_the_sigma_point(ukf):
+    calls = iter(range(100))
+    ukf._f = lambda x, w, u: f(x, w, u) if next(calls) < 6 else 1 / 0
+    with pytest.raises(ZeroDivisionError) as caught:
+        ukf.predict()
+    assert caught.value.__notes__ == ["in process model f at sigma point 6"]
+
+
+def test_models_cannot_change_the_points(ukf):
+    def spoil(x, *others):
+        result = f(x, *others) if len(others) == 2 else h(x, *others)
+        x[:] = others[0][:] = np.nan
+        return result
+
+    twin = make("reference" if isinstance(ukf.backend, ReferenceUkf) else "golden")
+    ukf._f = ukf._h = spoil
+    for each in (ukf, twin):
+        each.predict()
+        each.update([1.0, 2.0])
+        each.predict()
+        each.update([1.0, 2.0])
+    assert estimate(ukf) == estimate(twin)
+
+
+# What it computes.
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_vectorized_models_give_the_same(backend):
+    estimates = []
+    for vectorized in (False, True):
+        ukf = make(backend, vectorized=vectorized)
+        for k in range(5):
+            ukf.predict(0.1 * k)
+            ukf.update([1.0 + k, 2.0], gain=1.5)
+        estimates.append(estimate(ukf))
+    assert estimates[0] == estimates[1]
+
+
+def random_walk(ukf, seed, steps=150):
+    """Do random things to a filter; gives what is seen on the way."""
+    rng = np.random.default_rng(seed)
+    seen, done = [], set()
+    for _ in range(steps):
+        action = rng.choice(
+            ["predict", "update", "update", "mask", "redraw", "x", "P", "Q", "R", "none", "gate",
+             "reset", "look"],
+            p=[0.3, 0.14, 0.1, 0.12, 0.06, 0.03, 0.03, 0.03, 0.03, 0.03, 0.05, 0.02, 0.06],
+        )  # fmt: skip
+        z = h(ukf.x, np.zeros(2)) + 0.3 * rng.standard_normal(2)
+        if action == "predict":
+            ukf.predict(0.1 * rng.standard_normal())
+        elif action == "update":
+            seen.append(float(ukf.update(z)))
+        elif action == "mask":
+            mask = rng.random(2) < 0.5
+            seen.append(float(ukf.update(np.where(mask, z, np.nan), mask)))
+        elif action == "redraw":
+            ukf.redraw()
+        elif action == "none":
+            seen.append(float(ukf.update(None)))
+        elif action == "x":
+            ukf.x = ukf.x + 0.1 * rng.standard_normal(3)
+        elif action == "P":
+            ukf.P = np.diag(rng.random(3))
+        elif action == "Q":
+            ukf.Q = np.diag(rng.random(len(ukf.Q))) * 0.02
+        elif action == "R":
+            ukf.R = np.diag(rng.random(2)) * 0.2 + 0.01
+        elif action == "gate":
+            ukf.gate = rng.choice([0.1, 1.0, np.inf])
+        elif action == "reset":
+            ukf.reset(x=X0 + rng.standard_normal(3))
+        done.add(str(action))
+        done |= {"gated"} if ukf.gated else set()
+        seen.extend(ukf.x)
+        seen.append(-1.0 if ukf.nis is None else ukf.nis)
+        if action == "look" or rng.random() < 0.3:
+            seen.extend(ukf.P.ravel())
+    return np.array(seen), done
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("kinds", "form"),
+    [
+        ({}, Form.SQUARE_ROOT),
+        ({}, Form.COVARIANCE),
+        ({"process_noise": Noise.ADDITIVE}, Form.SQUARE_ROOT),
+        ({"observation_noise": Noise.ADDITIVE}, Form.SQUARE_ROOT),
+        ({"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}, Form.SQUARE_ROOT),
+        ({"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}, Form.COVARIANCE),
+    ],
+)
+def test_core_agrees_with_the_reference_whatever_happens(kinds, form, seed):
+    q = 3 if "process_noise" in kinds else 2
+    params = UkfParams(n=3, m=2, q=q, r=2, W0=0.2, format=BINARY64, pes=4, form=form, **kinds)
+    options = {"Q": np.eye(q) * 0.01, "redraw": seed == 3}
+    expected, done = random_walk(make("reference", params, **options), seed)
+    found, also_done = random_walk(make("golden", params, **options), seed)
+    assert done == also_done
+    assert {"predict", "update", "mask", "gated"} <= done
+    np.testing.assert_allclose(found, expected, atol=1e-8, rtol=1e-8)
+
+
+def test_redrawing_is_an_option(ukf):
+    twin = make("reference", redraw=True)
+    ukf.predict()
+    ukf.redraw()
+    ukf.update([1.0, 1.0])
+    twin.predict()
+    twin.update([1.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-12)
+    plain = make()
+    plain.predict()
+    plain.update([1.0, 1.0])
+    assert np.abs(plain.x - twin.x).max() > 1e-6
+
+
+def test_nothing_sampled_changes_nothing(ukf):
+    ukf.predict()
+    before = estimate(ukf)
+    assert ukf.update(None) is False
+    assert ukf.update([np.nan, np.nan], mask=[False, False]) is False
+    assert estimate(ukf) == before
+    assert ukf.nis is None
+
+
+def test_mask_property_is_the_default(ukf):
+    twin = make()
+    ukf.mask = [True, False]
+    ukf.mask[1] = True  # of a copy
+    assert ukf.mask.tolist() == [True, False]
+    ukf.predict()
+    assert ukf.update([1.0, np.nan]) is True
+    twin.predict()
+    twin.update([1.0, 55.0], mask=[True, False])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-12)
+
+
+def test_masked_results_of_the_model_do_not_matter(ukf):
+    twin = make()
+    ukf._h = lambda x, v: [h(x, v)[0], np.nan]
+    for each in (ukf, twin):
+        each.predict()
+        each.update([1.0, 2.0], mask=[True, False])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-12)
+
+
+def test_gate(ukf):
+    ukf.gate = 9
+    assert ukf.gate == 9.0
+    ukf.predict()
+    before = estimate(ukf)
+    assert ukf.update([1e3, 0.0]) is False
+    assert ukf.gated
+    assert ukf.nis > 9.0
+    assert estimate(ukf) == before
+    ukf.gate = np.inf
+    assert ukf.update([1e3, 0.0]) is True
+    assert not ukf.gated
+    assert estimate(ukf) != before
+
+
+def test_reset_starts_again(ukf):
+    ukf.predict()
+    ukf.update([1.0, 2.0])
+    first = estimate(ukf)
+    ukf.gate = 1e-9
+    ukf.reset()
+    assert ukf.nis is None
+    np.testing.assert_allclose(ukf.x, X0, atol=1e-15)
+    np.testing.assert_allclose(ukf.P, P0, atol=1e-15)
+    ukf.predict()
+    assert ukf.update([1.0, 2.0]) is False  # settings stay
+    ukf.gate = np.inf
+    ukf.reset()
+    ukf.predict()
+    ukf.update([1.0, 2.0])
+    assert estimate(ukf) == first
+
+
+def test_properties_are_copies(ukf):
+    for name in ("x", "P", "Q", "R", "mask"):
+        value = getattr(ukf, name)
+        value[...] = 0
+        assert np.asarray(getattr(ukf, name)).any()
+    assert isinstance(ukf.backend, Backend)
+    assert ukf.params == PARAMS
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_semidefinite_covariances(backend):
+    """A state and a noise without uncertainty."""
+    P = np.diag([1.0, 0.0, 0.5])
+    singular = np.array([[0.04, 0.02], [0.02, 0.01]])
+    ukf = make(backend, P0=P, Q=singular, R=R)
+    twin = make("reference", P0=P, Q=singular, R=R)
+    for each in (ukf, twin):
+        each.predict()
+        each.update([1.0, 0.5])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+    np.testing.assert_allclose(ukf.P, twin.P, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_no_noise_terms_at_all(backend):
+    params = UkfParams(n=1, m=1, format=BINARY64)
+    ukf = UnscentedKalmanFilter(
+        lambda x, w, u: x + u, lambda x, v: x, params, x0=[0.0], P0=[[4.0]], backend=backend
+    )
+    ukf.predict(2.0)
+    np.testing.assert_allclose([*ukf.x, *ukf.P[0]], [2.0, 4.0], atol=1e-12)
+    ukf.update([3.0])
+    np.testing.assert_allclose([*ukf.x, *ukf.P[0]], [3.0, 0.0], atol=1e-12)
+    ukf.P = [[0.0]]
+    with pytest.raises(SingularObservationError, match=r"singular at row 0$"):
+        ukf.update([3.0])
+    np.testing.assert_allclose(ukf.x, [3.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_additive_noise_reaches_the_models_as_zeros(backend):
+    params = UkfParams(
+        n=2, m=1, q=2, r=1, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
+    )
+    seen = []
+
+    def note(x, noise, *_):
+        seen.append((noise.shape, noise.any()))
+        return x[: 2 if noise.size == 2 else 1]
+
+    ukf = UnscentedKalmanFilter(
+        note, note, params, x0=[0, 0], P0=np.eye(2), Q=np.eye(2), R=np.eye(1), backend=backend
+    )
+    ukf.predict()
+    ukf.update([1.0])
+    assert set(seen) == {((2,), False), ((1,), False)}
+    assert len(seen) == 2 * params.N
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("turns", [-1, 0, 2])
+def test_angles_are_wrapped(backend, turns):
+    """A heading at the cut behaves as one far from it."""
+    params = UkfParams(n=1, m=1, q=1, r=1, format=BINARY64)
+    results = []
+    for heading, cut in ((0.0, False), (np.pi, True)):
+
+        def turn(x, w, u, cut=cut):
+            return np.arctan2(np.sin(x + w), np.cos(x + w)) if cut else x + w
+
+        def see(x, v, cut=cut):
+            return np.arctan2(np.sin(x + v), np.cos(x + v)) if cut else x + v
+
+        ukf = UnscentedKalmanFilter(
+            turn, see, params, x0=[heading], P0=[[0.1]], Q=[[0.01]], R=[[0.02]], backend=backend,
+            state_angles=(0,), observation_angles=(0,),
+        )  # fmt: skip
+        for z in (0.1, -0.2, 0.05):
+            ukf.predict()
+            ukf.update([heading + z + 2 * np.pi * turns])
+        results.append((ukf.x - heading, ukf.P, ukf.nis))
+    (x, P, nis), (x_cut, P_cut, nis_cut) = results
+    np.testing.assert_allclose(wrap(x_cut, 0.0), x, atol=1e-12)
+    np.testing.assert_allclose(P_cut, P, atol=1e-12)
+    assert nis_cut == pytest.approx(nis, abs=1e-12)
+
+
+def test_wrap_leaves_near_angles_as_they_are():
+    angles = np.array([-3.0, 0.1, 3.0])
+    np.testing.assert_array_equal(wrap(angles, 0.0), angles)
+    np.testing.assert_allclose(wrap(angles, 32 * np.pi + 0.1), angles + 32 * np.pi)
+
+
+# Failing steps.
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_overflow_loses_nothing(backend):
+    ukf = make(backend)
+    for scale in (1e200, 1.0):
+        ukf.predict()
+        before = estimate(ukf)
+        ukf._h = lambda x, v, scale=scale: h(x, v) * scale
+        if scale > 1.0:
+            with pytest.raises(NotFiniteError):
+                ukf.update([1.0, 1.0])
+            assert estimate(ukf) == before
+            ukf._h = h
+        ukf.update([1.0, 1.0])
+    twin = make("reference")
+    for _ in range(2):
+        twin.predict()
+        twin.update([1.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+
+
+def test_time_out_of_an_update_drops_the_prediction():
+    ukf, core = on_core()
+    before = ukf.P
+    ukf.predict()
+    x = ukf.x
+    core.hold = True
+    with pytest.raises(CoreTimeoutError, match=r"^UPDATE did not end within 0\.001 s"):
+        ukf.update([1.0, 1.0])
+    core.hold = False
+    np.testing.assert_allclose(ukf.x, x, atol=1e-15)
+    np.testing.assert_allclose(ukf.P, before, atol=1e-12)
+    ukf.update([1.0, 1.0])
+    assert np.isfinite(ukf.x).all()
+
+
+def test_time_out_of_a_redraw_drops_the_prediction():
+    ukf, core = on_core()
+    ukf.predict()
+    core.hold = True
+    with pytest.raises(CoreTimeoutError, match=r"^SIG_GEN did not end"):
+        ukf.redraw()
+    core.hold = False
+    np.testing.assert_allclose(ukf.P, P0, atol=1e-12)
+    ukf.predict()
+    ukf.update([1.0, 1.0])
