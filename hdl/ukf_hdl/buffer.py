@@ -24,9 +24,9 @@ class Buffer(wiring.Component):
     memories, and the answer on the clock after. An access that is refused takes two.
 
     Refused, without effect and reading zero: every access that begins while :py:`busy`, and every
-    access outside of the regions. A format narrower than 32 bits ignores the upper bits of a write and
-    reads them as zero; a wider one has two words an element, the lower first, each written on
-    its own.
+    access outside of the regions. A format narrower than 32 bits ignores the upper bits of a
+    write and reads them as zero; a wider one has two words an element, the lower first, each
+    written on its own.
 
     Parameters
     ----------
@@ -144,9 +144,7 @@ class Buffer(wiring.Component):
         # Then: write or fail at once, or wait for the memories.
         writing = Signal()
         m.d.comb += [
-            access.ack.eq(
-                ((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)
-            ),
+            access.ack.eq(((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)),
             access.error.eq(refused),
             writing.eq((clock == 1) & access.write & ~refused),
             self.write.eq(writing),

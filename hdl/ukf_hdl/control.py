@@ -55,11 +55,11 @@ class StrobedRW(csr.FieldAction):
             self.data.eq(self._storage),
             self.next.eq(self._storage),
         ]
-        with m.If(self.port.w_stb):
-            m.d.comb += self.next.eq(
-                (self.port.w_data & self.strobe) | (self._storage & ~self.strobe)
-            )
-        m.d.sync += self._storage.eq(self.next)
+        # Bit by bit, so that strobes become clock enables.
+        for index, strobe in enumerate(self.strobe):
+            with m.If(self.port.w_stb & strobe):
+                m.d.comb += self.next[index].eq(self.port.w_data[index])
+                m.d.sync += self._storage[index].eq(self.port.w_data[index])
         return m
 
 
@@ -134,7 +134,8 @@ class Control(wiring.Component):
 
     Races, on one clock: a write is judged before the end of a step. So a start on the clock of
     :py:`done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET drops
-    the ending step; only a GATE written on that clock comes too late. An event wins over the write that clears its pending bit.
+    the ending step; only a GATE written on that clock comes too late. An event wins over the
+    write that clears its pending bit.
 
     Parameters
     ----------

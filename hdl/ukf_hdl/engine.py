@@ -189,7 +189,14 @@ class Engine(wiring.Component):
         def term(source):
             lane = lanes[source.lane]
             value = lane.sum if source.is_sum else lane.product
-            return self._delay(m, value, source.wait * add, f"waiting_{source.lane}")
+            if not source.wait:
+                return value
+            # The reset keeps the last register out of a shift register, which is slow to leave.
+            waiting = Signal(value.shape(), name=f"waiting_{source.lane}")
+            m.d.sync += waiting.eq(
+                self._delay(m, value, source.wait * add - 1, f"waits_{source.lane}")
+            )
+            return waiting
 
         nodes, root = adder_tree(pes)
         for node in nodes:

@@ -278,9 +278,7 @@ def generate(
     """
     core = UkfCore(params, pipeline, engine=engine)
     with _builtin_yosys():
-        text = verilog.convert(
-            Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True
-        )
+        text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
     files = {
         f"{NAME}.v": text,
         f"{NAME}.json": json.dumps(description(core), indent=2) + "\n",

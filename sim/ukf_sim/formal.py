@@ -61,6 +61,7 @@ class BusBench(wiring.Component):
         })  # fmt: skip
 
     def elaborate(self, platform):
+        """Build the hardware; see the class."""
         m = Module()
         m.submodules.dut = dut = AxiLiteSubordinate(addr_width=ADDR_WIDTH)
         bus, access = self.s_axi, self.access
@@ -155,6 +156,7 @@ class _AccessBench(wiring.Component):
         super().__init__(dut.signature)
 
     def elaborate(self, platform):
+        """Build the hardware; see the class."""
         m = Module()
         m.submodules.dut = dut = self._dut
         access = self.access
@@ -293,7 +295,6 @@ PROOFS = (
     Proof(name="control", bench=ControlBench, depth=6),
     Proof(name="buffer", bench=BufferBench, depth=12),
 )
-
 
 
 def _environment():

@@ -69,6 +69,7 @@ class StubEngine(wiring.Component):
         return lane << self.layout.address_width | address
 
     def elaborate(self, platform):
+        """Build the hardware; see the class."""
         m = Module()
         m.submodules.memory = self.memory
         read = self.memory.read_port()

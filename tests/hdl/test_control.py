@@ -12,9 +12,25 @@ from ukf_sw.float_format import BINARY16, BINARY64
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import Form, Noise, UkfParams
 from ukf_sw.registers import (
-    CONFIG, CONTROL, CYCLES, ERROR, GATE_HIGH, GATE_LOW, ID, INTERRUPT_ENABLE, INTERRUPT_PENDING,
-    MASK, NIS_HIGH, NIS_LOW, REGISTERS, SIZES, STATUS, Access, ErrorCode, Step,
-)  # fmt: skip
+    CONFIG,
+    CONTROL,
+    CYCLES,
+    ERROR,
+    GATE_HIGH,
+    GATE_LOW,
+    ID,
+    INTERRUPT_ENABLE,
+    INTERRUPT_PENDING,
+    MASK,
+    NIS_HIGH,
+    NIS_LOW,
+    REGISTERS,
+    SIZES,
+    STATUS,
+    Access,
+    ErrorCode,
+    Step,
+)
 
 STEPS = [step for step in Step if step is not Step.IDLE]
 PARAMS = [

@@ -14,9 +14,20 @@ from ukf_sw.golden import GoldenCore
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.registers import (
-    CONTROL, CYCLES, ERROR, GATE_LOW, ID, INTERRUPT_ENABLE, INTERRUPT_PENDING, MASK, NIS_LOW,
-    REGISTERS, STATUS, ErrorCode, Step,
-)  # fmt: skip
+    CONTROL,
+    CYCLES,
+    ERROR,
+    GATE_LOW,
+    ID,
+    INTERRUPT_ENABLE,
+    INTERRUPT_PENDING,
+    MASK,
+    NIS_LOW,
+    REGISTERS,
+    STATUS,
+    ErrorCode,
+    Step,
+)
 
 SMALLEST = UkfParams(n=1, m=1)
 FAST = Pipeline(multiply=1, add=1, reciprocal_sqrt=1)

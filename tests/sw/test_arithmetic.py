@@ -133,21 +133,16 @@ def test_binary32_agrees_with_numpy(operator):
 def test_flush_is_after_rounding(fmt):
     """The largest product below the smallest normal number rounds up to it, or does not."""
     below_two = 2.0 - fmt.epsilon
-    half_low = fmt.min_normal / 2 if fmt.min_normal > 2.0**-1022 else None
-    # (2 - step) * (1 + step) / 2 = 1 + step / 2 - step**2 / 2 rounds to 1 or up; its neighbours:
+    # (1 - step/2) * (1 + step) is 1 + step/2 - step**2/2, which rounds to 1.
     above = arithmetic.multiply(fmt, below_two / 2, fmt.min_normal * (1 + fmt.epsilon))
     assert above == fmt.min_normal
     assert arithmetic.multiply(fmt, below_two / 2, fmt.min_normal) == 0.0
     assert np.signbit(arithmetic.multiply(fmt, -below_two / 2, fmt.min_normal))
-    # (1 - t)(1 + t) = 1 - t**2, a little below the limit, rounds up to it.
-    if half_low is not None:
-        step = 2.0 ** -(fmt.fraction_bits - 2)
-        assert (
-            arithmetic.multiply(fmt, 1.0 - step, fmt.min_normal * (1.0 + step))
-            == oracle(
-                fmt, "multiply", np.array([1.0 - step]), np.array([fmt.min_normal * (1 + step)])
-            )[0]
-        )
+    # (1 - t) * (1 + t) = 1 - t**2, which rounds up to 1 or not.
+    for bits in range(1, fmt.fraction_bits):
+        a, b = 1.0 - 2.0**-bits, fmt.min_normal * (1.0 + 2.0**-bits)
+        expected = fmt.min_normal if 2 * bits > fmt.precision else 0.0
+        assert arithmetic.multiply(fmt, a, b) == expected
 
 
 def test_signed_zeros():

@@ -1,0 +1,258 @@
+"""Schedules, their checker, control words, and the interpreter that executes them."""
+
+import dataclasses
+import random
+
+import numpy as np
+import pytest
+
+from ukf_sw.engine.adder_tree import adder_tree
+from ukf_sw.engine.checker import ScheduleError, check_schedule
+from ukf_sw.engine.control_word import ControlFormat
+from ukf_sw.engine.interpreter import Interpreter
+from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.microcode import STEP_OVERHEAD, microcode
+from ukf_sw.engine.operations import Kind, ProgramBuilder
+from ukf_sw.engine.programs import Program, build_program
+from ukf_sw.engine.scheduler import Schedule, schedule
+from ukf_sw.engine.timing import Timing
+from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+
+
+def random_configuration(rng, largest=5):
+    n, m = rng.randint(1, largest), rng.randint(1, largest)
+    process, observation = rng.choice(list(Noise)), rng.choice(list(Noise))
+    params = UkfParams(
+        n=n,
+        m=m,
+        q=rng.choice([0, n]) if process is Noise.ADDITIVE else rng.randint(0, largest),
+        r=rng.choice([0, m]) if observation is Noise.ADDITIVE else rng.randint(0, largest),
+        process_noise=process,
+        observation_noise=observation,
+        form=rng.choice(list(Form)),
+        W0=rng.choice([0.0, 0.5]),
+        format=rng.choice([BINARY32, BINARY32, BINARY16, BFLOAT16, BINARY64]),
+    )
+    pipeline = Pipeline(
+        multiply=rng.randint(1, 5), add=rng.randint(1, 6), reciprocal_sqrt=rng.randint(1, 9)
+    )
+    return dataclasses.replace(params, pes=rng.randint(1, params.columns)), pipeline
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_schedules_are_right(seed):
+    params, pipeline = random_configuration(random.Random(seed))
+    code = microcode(params, pipeline)
+    for program, (plan, registers) in code.programs.items():
+        check_schedule(plan, pes=params.pes, pipeline=pipeline, registers=registers)
+        assert plan.operations, program
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_words_mean_what_the_operations_mean(seed, sequential):
+    """The interpreter of the scheduled words against operations one after the other."""
+    params, pipeline = random_configuration(random.Random(100 + seed), largest=4)
+    rng = np.random.default_rng(seed)
+    layout = Layout(params)
+    for program in Program:
+        memory = sequential(layout, params.format)
+        interpreter = Interpreter(params, pipeline)
+        values = params.format.round(rng.uniform(0.5, 2.0, size=memory.current.shape))
+        # Data everywhere but in the constants and in lanes that no column uses.
+        untouched = memory.current != 0
+        untouched[:, layout.weights.address : layout.state_sigma[0].address] = True
+        for row in (*layout.state_sigma, *layout.noise_sigma):
+            untouched[:, row.address : row.address + row.beats] = True
+        memory.current[~untouched] = values[~untouched]
+        memory.next = memory.current.copy()
+        interpreter.memory[:] = memory.current
+        mask = rng.integers(1 << params.m) if params.m > 1 else 1
+        result = interpreter.run(program, mask=int(mask), state_bank=0, factor_bank=0)
+        programs = [program]
+        if program is Program.UPDATE_REDRAWN:
+            programs.append(Program.UPDATE)
+        for part in programs:
+            memory.run(build_program(layout, part), mask=int(mask))
+        if result.error_code:
+            continue  # what follows an error is not written
+        banked = layout.bank_offset
+        expected = memory.current.copy()
+        count = layout.x.beats + sum(row.beats for row in layout.L)
+        written = memory.next[:, :count] != memory.current[:, :count]
+        expected[:, banked : banked + count][written] = memory.next[:, :count][written]
+        np.testing.assert_array_equal(
+            params.format.encode(interpreter.memory), params.format.encode(expected), str(program)
+        )
+
+
+def test_most_random_programs_run_without_error():
+    """Else the test above would not test much."""
+    good = 0
+    for seed in range(12):
+        params, pipeline = random_configuration(random.Random(100 + seed), largest=4)
+        interpreter = Interpreter(params, pipeline)
+        good += interpreter.run(Program.INIT).error_code == 0
+        good += interpreter.run(Program.SIG_GEN).error_code == 0
+    assert good == 24
+
+
+@pytest.fixture
+def plan():
+    params = UkfParams(n=2, m=2, q=1, pes=2)
+    return schedule(build_program(Layout(params), Program.UPDATE), Timing(2, Pipeline()))
+
+
+def moved(plan, index, clocks):
+    issue = list(plan.issue)
+    issue[index] += clocks
+    return Schedule(plan.operations, issue, plan.timing, plan.length + abs(clocks))
+
+
+def test_checker_sees_every_operation_that_is_too_early(plan):
+    """Whatever can move later cannot have waited for nothing, and moving earlier is noticed."""
+    noticed = 0
+    for index in range(len(plan.operations)):
+        for clocks in (-1, -2, -plan.issue[index] - 1):
+            with_move = moved(plan, index, clocks)
+            try:
+                check_schedule(with_move, pes=2, pipeline=Pipeline())
+            except ScheduleError:
+                noticed += 1
+    assert noticed > 2 * len(plan.operations)
+
+
+def test_checker_sees_two_operations_on_one_clock(plan):
+    with pytest.raises(ScheduleError, match="read ports of lane 0 is used by operations 0 and 1"):
+        issue = list(plan.issue)
+        issue[1] = issue[0]
+        check_schedule(
+            Schedule(plan.operations, issue, plan.timing, plan.length), pes=2, pipeline=Pipeline()
+        )
+
+
+def test_checker_sees_adders_that_meet():
+    """A dot product's tree level 1 and an axpy that is issued one adder latency later."""
+    layout = Layout(UkfParams(n=2, m=1, pes=2))
+    builder = ProgramBuilder(layout)
+    x, ones = layout.X[0], layout.ones
+    builder.dot([(x.word(0), ones.word(0), 0b11)])
+    builder.multiply(layout.Ex[0], x, ones, [(0, 2)])
+    pipeline = Pipeline()
+    timing = Timing(2, pipeline)
+    bad = Schedule(builder.operations, [0, pipeline.add], timing, 100)
+    with pytest.raises(ScheduleError, match="adder of lane 1 is used by operations 0 and 1"):
+        check_schedule(bad, pes=2, pipeline=pipeline)
+    check_schedule(
+        Schedule(builder.operations, [0, pipeline.add + 1], timing, 100), pes=2, pipeline=pipeline
+    )
+
+
+def test_checker_sees_a_register_that_is_reused_too_early(plan):
+    registers = {
+        operation.result: 0 for operation in plan.operations if operation.result is not None
+    }
+    with pytest.raises(ScheduleError, match="scalar"):
+        check_schedule(plan, pes=2, pipeline=Pipeline(), registers=registers)
+
+
+def test_checker_sees_a_result_after_the_end(plan):
+    short = Schedule(plan.operations, plan.issue, plan.timing, plan.length - 1)
+    with pytest.raises(ScheduleError, match="after the end"):
+        check_schedule(short, pes=2, pipeline=Pipeline())
+
+
+@pytest.mark.parametrize("pes", [1, 2, 3, 5, 6, 7, 8, 10, 22])
+def test_adder_tree_sums_every_lane_once(pes):
+    nodes, root = adder_tree(pes)
+    sums = {}
+
+    def lanes(source):
+        return sums[source.lane] if source.is_sum else (source.lane,)
+
+    for node in nodes:
+        assert node.lane not in sums
+        sums[node.lane] = lanes(node.left) + lanes(node.right)
+    assert lanes(root) == tuple(range(pes))
+    assert pes - 1 not in sums  # free to accumulate
+    assert all(node.level < Timing(pes, Pipeline()).levels for node in nodes)
+
+
+def test_clocks_do_not_depend_on_data():
+    params = UkfParams(n=2, m=2)
+    code = microcode(params, Pipeline())
+    length = code.programs[Program.PREDICT].plan.length
+    assert code.clocks(Program.PREDICT) == length + STEP_OVERHEAD
+    assert Interpreter(params).run(Program.PREDICT).clocks == length + STEP_OVERHEAD
+    redrawn = code.programs[Program.UPDATE_REDRAWN].plan.length
+    assert code.clocks(Program.UPDATE_REDRAWN) == redrawn + code.clocks(Program.UPDATE)
+
+
+def test_results_do_not_depend_on_the_pipeline():
+    params = UkfParams(n=3, m=2, q=2, pes=3)
+    rng = np.random.default_rng(7)
+    contents = []
+    for pipeline in (Pipeline(), Pipeline(multiply=1, add=1, reciprocal_sqrt=2)):
+        interpreter = Interpreter(params, pipeline)
+        filled = rng.normal(size=interpreter.memory.shape) if not contents else filled
+        interpreter.memory[:] = np.where(interpreter.memory, interpreter.memory, filled)
+        for program in (Program.INIT, Program.SIG_GEN, Program.PREDICT, Program.UPDATE):
+            interpreter.run(program)
+        contents.append(interpreter.words)
+    np.testing.assert_array_equal(*contents)
+
+
+def test_control_words_reject_values_that_do_not_fit():
+    control = ControlFormat(
+        address_width=4, scalar_width=2, lane_sets=3, pes=2, observations=2, rows=4
+    )
+    with pytest.raises(ValueError, match="^scalar_address must fit 2 bits, not 4$"):
+        control.encode({"scalar_address": 4})
+    words = [control.encode({"address_0": 9, "pivot": 4, "last": 1})]
+    fields = control.decode(words)
+    assert (fields["address_0"][0], fields["pivot"][0], fields["last"][0]) == (9, 4, 1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_layout_gives_every_element_a_place_of_its_own(seed):
+    params, _ = random_configuration(random.Random(200 + seed))
+    layout = Layout(params)
+    places = {}
+    for region in MemoryMap(params):
+        for row in range(region.rows):
+            for column in range(region.columns):
+                for bank in (0, 1):
+                    place = layout.buffer_location(
+                        region.symbol, row, column, state_bank=bank, factor_bank=bank
+                    )
+                    assert place[0] < params.pes
+                    assert place[1] < layout.depth
+                    key = (region.symbol, row, column, bank * (region.symbol in "xL"))
+                    assert places.setdefault(place, key) == key
+    constants = layout.initial_words() != 0
+    assert not any(constants[place] for place in places)
+
+
+def test_a_dot_product_has_its_beats_one_adder_latency_apart():
+    plan = schedule(
+        build_program(Layout(UkfParams(n=3, m=1)), Program.PREDICT), Timing(1, Pipeline(add=4))
+    )
+    dots = [
+        (operation, issue)
+        for operation, issue in zip(plan.operations, plan.issue, strict=True)
+        if operation.kind is Kind.DOT
+    ]
+    assert dots
+    assert all(len(operation.beats) == 5 for operation, _ in dots)
+
+
+@pytest.mark.parametrize(("word", "read"), [(5, 5), (BINARY32.infinity | 5, BINARY32.infinity | 5)])
+def test_words_read_back_as_written(word, read):
+    """Even those that the arithmetic reads as something else."""
+    interpreter = Interpreter(UkfParams(n=1, m=1))
+    interpreter.write(0, 3, word)
+    assert interpreter.read(0, 3) == read
+    assert interpreter.words[0, 3] == read
+    interpreter.write(0, 3, 0x11, strobe=0b0010)
+    assert interpreter.read(0, 3) == read & ~0xFF00
