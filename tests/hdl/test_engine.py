@@ -214,3 +214,15 @@ def test_bad_pivots_are_reported():
         assert (await bench.run(Program.UPDATE, mask=1, state_bank=1)).error_code == 0
 
     simulate(params, pipeline, scenario)
+
+
+def test_overflow_in_the_lanes_is_stopped():
+    """Sigma points beyond the largest number, from a factor that is finite."""
+    params, pipeline = UkfParams(n=2, m=1, q=2, pes=3), Pipeline()
+
+    async def scenario(bench):
+        await bench.fill("L", np.eye(2) * 2e38)
+        assert (await bench.run(Program.INIT)).error_code == 0
+        assert (await bench.run(Program.SIG_GEN)).error_code == ErrorCode.NOT_FINITE
+
+    simulate(params, pipeline, scenario)

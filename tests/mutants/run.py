@@ -1,0 +1,237 @@
+"""Breaks the project on purpose, one small change at a time, and demands that a test fails.
+
+``python tests/mutants/run.py`` applies each mutant to a copy of the sources and runs the tests
+that are to see it. A mutant that survives is a test that is missing.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+ROOT = Path(__file__).parents[2]
+
+ENGINE = "tests/hdl/test_engine.py"
+CONTROL = "tests/hdl/test_control.py"
+SCHEDULE = "tests/sw/test_schedule.py"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A small change that makes the core wrong.
+
+    Parameters
+    ----------
+    name
+        What is broken.
+    file
+        Source file.
+    before, after
+        Text that stands in the file exactly once, and what takes its place.
+    tests
+        Arguments for pytest: the tests that are to see it.
+    """
+
+    name: str
+    file: str
+    before: str
+    after: str
+    tests: str
+
+
+MUTANTS = [
+    Mutant(
+        "multiplier: ties are not to even", "hdl/ukf_hdl/float_multiplier.py",
+        "round_up.eq(total[low] & (total[low + 1] | sticky))",
+        "round_up.eq(total[low])",
+        "tests/hdl/test_float_units.py",
+    ),
+    Mutant(
+        "multiplier: infinity times zero is infinity", "hdl/ukf_hdl/float_multiplier.py",
+        "| (special_a & zero_b) | (special_b & zero_a)", "",
+        "tests/hdl/test_float_units.py",
+    ),
+    Mutant(
+        "adder: guard bits of the smaller operand are lost", "hdl/ukf_hdl/float_adder.py",
+        "below[0].eq(aligned[0])", "below[0].eq(0)",
+        "tests/hdl/test_float_units.py",
+    ),
+    Mutant(
+        "reciprocal square root: exponent is off by one", "hdl/ukf_hdl/reciprocal_sqrt.py",
+        "Cat(root[: fmt.fraction_bits], exponent + root[fmt.precision])",
+        "Cat(root[: fmt.fraction_bits], exponent + 1 + root[fmt.precision])",
+        "tests/hdl/test_float_units.py",
+    ),
+    Mutant(
+        "processing element: operands are swapped", "hdl/ukf_hdl/processing_element.py",
+        "c.eq(Mux(self.zero, 0, data[0]))", "c.eq(Mux(self.zero, 0, data[1]))",
+        ENGINE,
+    ),
+    Mutant(
+        "processing element: subtraction adds", "hdl/ukf_hdl/processing_element.py",
+        "b.eq(data[1] ^ (self.subtract << (fmt.width - 1)))", "b.eq(data[1])",
+        ENGINE,
+    ),
+    Mutant(
+        "processing element: c arrives a clock early", "hdl/ukf_hdl/processing_element.py",
+        "for _ in range(pipeline.multiply):", "for _ in range(pipeline.multiply - 1):",
+        ENGINE,
+    ),
+    Mutant(
+        "processing element: infinity counts as finite", "hdl/ukf_hdl/processing_element.py",
+        "self.is_finite.eq(~exponent.all())",
+        "self.is_finite.eq(~exponent.all() | (written[: fmt.fraction_bits] == 0))",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: lanes that do not count are summed", "hdl/ukf_hdl/engine.py",
+        "lane.drop_product.eq(dot[0] & ~counted[number])", "lane.drop_product.eq(0)",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: the accumulator does not start from zero", "hdl/ukf_hdl/engine.py",
+        "accumulator.right.eq(Mux(first, 0, accumulator.sum))",
+        "accumulator.right.eq(accumulator.sum)",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: writes go to the current bank", "hdl/ukf_hdl/engine.py",
+        "word.write_bank_factor & ~self.factor_bank", "word.write_bank_factor & self.factor_bank",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: writes go on after an error", "hdl/ukf_hdl/engine.py",
+        "passed.eq(~failed & ~bad_pivot & ~not_finite)", "passed.eq(~bad_pivot & ~not_finite)",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: the mask is that of the next observation", "hdl/ukf_hdl/engine.py",
+        "return ~Cat(1, self.observation_mask).bit_select(observation, 1)",
+        "return ~Cat(1, 1, self.observation_mask).bit_select(observation, 1)",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: a masked observation with a zero pivot is an error", "hdl/ukf_hdl/engine.py",
+        "is_observation, ~in_use,", "is_observation, 0,",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: beats of a stopped program live on", "hdl/ukf_hdl/engine.py",
+        "Mux(self.start, 0, Cat(word.dot, beats))", "Cat(word.dot, beats)",
+        ENGINE,
+    ),
+    Mutant(
+        "sequencer: a stop lets one more word through", "hdl/ukf_hdl/sequencer.py",
+        "m.d.sync += [fetching.eq(0), fetched.eq(0), execute.eq(0), self.word.eq(0)]",
+        "m.d.sync += [fetching.eq(0), fetched.eq(0)]",
+        ENGINE,
+    ),
+    Mutant(
+        "schedule: a slot too early", "sw/ukf_sw/engine/scheduler.py",
+        "after(writer, written + 1 - k * interval)", "after(writer, written - k * interval)",
+        SCHEDULE,
+    ),
+    Mutant(
+        "schedule: writes overtake reads", "sw/ukf_sw/engine/scheduler.py",
+        "after(reader, read + 1 - written)", "pass",
+        SCHEDULE,
+    ),
+    Mutant(
+        "schedule: adders are not reserved", "sw/ukf_sw/engine/scheduler.py",
+        "taken |= self._no_lanes", "pass",
+        SCHEDULE,
+    ),
+    Mutant(
+        "microcode: registers are reused while they are needed", "sw/ukf_sw/engine/microcode.py",
+        "last_read.get(scalar, written + 1)", "written + 1",
+        SCHEDULE,
+    ),
+    Mutant(
+        "microcode: a dot product's first beat does not say so", "sw/ukf_sw/engine/microcode.py",
+        '"first": k == 0', '"first": 0',
+        SCHEDULE,
+    ),
+    Mutant(
+        "control: steps start out of sequence", "hdl/ukf_hdl/control.py",
+        "(Step.PREDICT, points, Program.PREDICT)", "(Step.PREDICT, initialised, Program.PREDICT)",
+        CONTROL,
+    ),
+    Mutant(
+        "control: results of a failed step are committed", "hdl/ukf_hdl/control.py",
+        "                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]\n"
+        "                with m.If(~failed):\n",
+        "                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]\n"
+        "                with m.If(1):\n",
+        CONTROL,
+    ),
+    Mutant(
+        "control: byte strobes are ignored", "hdl/ukf_hdl/control.py",
+        "bus.w_data.eq(access.data & strobe_mask)", "bus.w_data.eq(access.data)",
+        CONTROL,
+    ),
+    Mutant(
+        "buffer: answers while a step runs", "hdl/ukf_hdl/buffer.py",
+        "refused.eq(~valid | self.busy)", "refused.eq(~valid)",
+        "tests/hdl/test_buffer.py",
+    ),
+    Mutant(
+        "AXI4-Lite: a response is dropped before it is taken", "hdl/ukf_hdl/axi4_lite.py",
+        "        with m.If(bus.bready):\n            m.d.sync += bus.bvalid.eq(0)",
+        "        m.d.sync += bus.bvalid.eq(0)",
+        "tests/hdl/test_axi4_lite.py",
+    ),
+]  # fmt: skip
+
+
+def run(mutant: Mutant) -> tuple[bool, str]:
+    """Whether a test sees the mutant, and the last line that pytest printed."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        for name in ("hdl", "sw", "sim", "tests", "pyproject.toml", "README.md"):
+            source = ROOT / name
+            if source.is_dir():
+                shutil.copytree(
+                    source, copy / name, ignore=shutil.ignore_patterns("__pycache__")
+                )
+            else:
+                shutil.copy(source, copy / name)
+        file = copy / mutant.file
+        text = file.read_text(encoding="utf-8")
+        if text.count(mutant.before) != 1:
+            return False, f"the text to change stands {text.count(mutant.before)} times in the file"
+        file.write_text(text.replace(mutant.before, mutant.after), encoding="utf-8")
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider",
+                   "-m", "not slow", *mutant.tests.split()]  # fmt: skip
+        result = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
+    lines = result.stdout.strip().splitlines() or result.stderr.strip().splitlines() or [""]
+    # 1: tests ran and failed. Anything else, such as an import error, proves nothing.
+    return result.returncode == 1 and "failed" in lines[-1], lines[-1]
+
+
+def main() -> int:
+    """Run all mutants, or those whose name contains the first argument."""
+    wanted = sys.argv[1] if len(sys.argv) > 1 else ""
+    chosen = [mutant for mutant in MUTANTS if wanted in mutant.name]
+    console = Console()
+    table = Table("Mutant", "Killed", "pytest says")
+    killed = 0
+    with Progress(console=console) as progress, ThreadPoolExecutor(2) as pool:
+        task = progress.add_task("mutants", total=len(chosen))
+        for mutant, (dead, says) in zip(chosen, pool.map(run, chosen), strict=True):
+            killed += dead
+            table.add_row(mutant.name, "yes" if dead else "[red]NO[/red]", says)
+            progress.advance(task)
+    console.print(table)
+    console.print(f"{killed} of {len(chosen)} mutants killed")
+    return 0 if killed == len(chosen) > 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
