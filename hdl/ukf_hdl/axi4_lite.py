@@ -117,9 +117,8 @@ class AxiLiteSubordinate(wiring.Component):
 
     Every output on the AXI side comes from a register: no input reaches an output within a clock.
     :py:`access.valid` rises one clock after the last part of the request is taken, and the
-    response is valid one clock after :py:`access.ack`. A request is taken while the response
-    before it waits, so a manager that keeps requests coming has one access every two clocks more
-    than the access itself takes after its first clock.
+    response is valid one clock after :py:`access.ack`. The next request is taken meanwhile, so a
+    manager that keeps requests coming has an access of n clocks every n + 1 clocks.
 
     ``awprot`` and ``arprot`` are ignored.
 
@@ -177,17 +176,17 @@ class AxiLiteSubordinate(wiring.Component):
             m.d.sync += [have_read_address.eq(1), read_address.eq(bus.araddr)]
 
         # Choice between write and read, held from the first clock of an access to its last. An
-        # access starts only when its response register is free.
+        # access starts only when its response register is free. The write goes first; it leaves
+        # its response there, so on the next clock a read that waits is alone.
         can_write = Signal()
         can_read = Signal()
-        read_next = Signal()
         chosen = Signal()
         chosen_write = Signal()
         m.d.comb += [
             can_write.eq(have_write_address & have_write_data & ~bus.bvalid),
             can_read.eq(have_read_address & ~bus.rvalid),
             access.valid.eq(can_write | can_read),
-            access.write.eq(Mux(chosen, chosen_write, can_write & ~(can_read & read_next))),
+            access.write.eq(Mux(chosen, chosen_write, can_write)),
             access.address.eq(Mux(access.write, write_address, read_address)),
             access.data.eq(write_data),
             access.strobe.eq(write_strobe),
@@ -203,7 +202,6 @@ class AxiLiteSubordinate(wiring.Component):
         with m.If(bus.rready):
             m.d.sync += bus.rvalid.eq(0)
         with m.If(access.valid & access.ack):
-            m.d.sync += read_next.eq(access.write)
             with m.If(access.write):
                 m.d.sync += [
                     have_write_address.eq(0),

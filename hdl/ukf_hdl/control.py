@@ -1,6 +1,6 @@
 """Control registers of the core and the state machine of its steps."""
 
-from amaranth import Cat, Module, Mux, Signal
+from amaranth import Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -46,7 +46,7 @@ class StrobedRW(csr.FieldAction):
             access="rw",
             members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
         )
-        self._storage = Signal(shape, init=init)
+        self._storage = Value.cast(Signal(shape, init=init))
 
     def elaborate(self, platform):
         m = Module()
@@ -56,8 +56,8 @@ class StrobedRW(csr.FieldAction):
             self.next.eq(self._storage),
         ]
         # Bit by bit, so that strobes become clock enables.
-        for index, strobe in enumerate(self.strobe):
-            with m.If(self.port.w_stb & strobe):
+        for index in range(len(self._storage)):
+            with m.If(self.port.w_stb & self.strobe[index]):
                 m.d.comb += self.next[index].eq(self.port.w_data[index])
                 m.d.sync += self._storage[index].eq(self.port.w_data[index])
         return m
@@ -161,7 +161,7 @@ class Control(wiring.Component):
     error_code, error_index, nis : :py:`In(8)`, :py:`In(8)`, :py:`In(params.format.width)`
         Result of the program, valid with :py:`done`.
     observation_mask : :py:`Out(params.m)`
-        Observations that take part.
+        Observations that take part in the step: MASK as it was at the start.
     state_bank, factor_bank : :py:`Out(1)`
         Which copies of x and L are the current ones.
 
@@ -343,7 +343,12 @@ class Control(wiring.Component):
             with m.If(step == Step.UPDATE):
                 m.d.sync += gated.eq(0)
             with m.If(~at_once):
-                m.d.sync += [state.eq(step), self.program.eq(program), self.start.eq(1)]
+                m.d.sync += [
+                    state.eq(step),
+                    self.program.eq(program),
+                    self.observation_mask.eq(fields["MASK"].VALUE.data),
+                    self.start.eq(1),
+                ]
         with m.If(refuse):
             m.d.sync += [error_code.eq(ErrorCode.ILLEGAL_STEP), error_index.eq(0)]
         with m.If(self.busy):
@@ -393,7 +398,6 @@ class Control(wiring.Component):
             fields["CYCLES"].VALUE.r_data.eq(cycles),
             fields["NIS_LOW"].VALUE.r_data.eq(nis),
             fields["NIS_HIGH"].VALUE.r_data.eq(nis >> DATA_WIDTH),
-            self.observation_mask.eq(fields["MASK"].VALUE.data),
         ]
         for register in (registers.ID, registers.SIZES, registers.CONFIG):
             for field in register:

@@ -123,9 +123,7 @@ class FloatAdder(wiring.Component):
             fmt.precision,
         )
         order = self._elaborate_order(m)
-        fraction_a, swap, small, shift, large, exponent, sign, subtract, zero_sign, infinities = (
-            order
-        )
+        fraction_a, swap, _, shift, _, exponent, sign, subtract, zero_sign, infinities = order
         exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
         fraction_b = self.b[:fraction_bits]
 
@@ -170,8 +168,8 @@ class FloatAdder(wiring.Component):
         large = Mux(exponent_b > exponent_a, fraction_b, fraction_a)
         aligned, *_ = self._elaborate_alignment(m, fraction_a, Const(0, 1), *order[2:])
         (
-            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign, infinities,
-            any_nan,
+            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
+            infinities, any_nan,
         ) = pipeline.cut(
             "aligned", aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
             infinities, any_nan,

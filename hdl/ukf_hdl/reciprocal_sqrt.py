@@ -235,7 +235,7 @@ class ReciprocalSqrt(wiring.Component):
             coefficients.append(Cat(data[position : position + width], leading))
             position += width
         c0, c1, *c2 = coefficients
-        return c0, c1.as_signed(), c2[0] if c2 else None
+        return c0, c1.as_signed(), c2[0] if c2 else Const(0, 1)
 
     def _elaborate_newton(self, m, pipeline, root, radicand, control):
         """Add half of y * (1 - r * y * y) to the root y."""

@@ -52,6 +52,7 @@ START = {step: ENABLE | CONTROL[step.name].mask for step in Step if step is not 
 DONE = {step: STATUS[step.name].mask for step in START}
 STATE = STATUS["STATE"].mask
 GATED = STATUS["GATED"].mask
+CODE = ERROR["CODE"].mask
 EVENTS = INTERRUPT_PENDING["DONE"].mask | INTERRUPT_PENDING["ERROR"].mask
 
 
@@ -279,13 +280,15 @@ class Driver:
         self._write_register(CONTROL, START[step])
         status = self._wait(step)
         error = self._read_register(ERROR)
-        code, index = ERROR["CODE"].get(error), ERROR["INDEX"].get(error)
+        code = error & CODE
         if code == ErrorCode.NONE and not status & DONE[step]:
+            self._initialised = False
             raise StepLostError(step)
         if self.count_cycles and code != ErrorCode.ILLEGAL_STEP:
             self.last_cycles[step.name] = self._read_register(CYCLES)
         if code == ErrorCode.NONE:
             return status
+        index = ERROR["INDEX"].get(error)
         if code == ErrorCode.ILLEGAL_STEP:
             raise IllegalStepError(step)
         if code == ErrorCode.NOT_FINITE:

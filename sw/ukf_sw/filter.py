@@ -1,11 +1,12 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
-from typing import Any, Protocol, cast, runtime_checkable
+from collections.abc import Callable
+from typing import Any, ParamSpec, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sw.errors import CoreTimeoutError
+from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.models import ObservationModel, ProcessModel, evaluate, wrap
 from ukf_sw.parameters import Form, UkfParams
 from ukf_sw.reference import ReferenceUkf
@@ -14,6 +15,11 @@ __all__ = ["Backend", "UnscentedKalmanFilter"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+#: A step that ends so has changed nothing. After any other error that is not certain.
+VERDICTS = (NotFiniteError, NotPositiveDefiniteError, SingularObservationError)
 
 
 @runtime_checkable
@@ -145,7 +151,8 @@ class UnscentedKalmanFilter:
     without redrawing the gain leaves that of the last step out of account; filterpy redraws.
 
     Nothing that raises changes the estimate, except as :class:`ukf_sw.errors.CoreTimeoutError`
-    says.
+    says. After a :class:`ukf_sw.errors.BusError` a step may have happened or not; :attr:`x` and
+    :attr:`P` are those of the core, whatever it has done.
 
     Parameters
     ----------
@@ -412,7 +419,7 @@ class UnscentedKalmanFilter:
             arguments=(u,), keywords=arguments, vectorized=self._vectorized,
             angles=self._state_angles,
         )  # fmt: skip
-        self._transformed = self._backend.predict(results)
+        self._transformed = self._ask(self._backend.predict, results)
         self._last_x = self._last_P = None
         if self._redraws:
             self.redraw()
@@ -429,17 +436,24 @@ class UnscentedKalmanFilter:
 
     def _draw(self) -> Array:
         """Sigma points of the estimate; those of the last predict are forgotten."""
-        try:
-            points = self._backend.sigma_points()
-        except CoreTimeoutError:
-            self._forget_prediction()
-            raise
+        points = self._ask(self._backend.sigma_points)
         self._transformed = None
         return points
 
-    def _forget_prediction(self) -> None:
-        """Follow a backend that was reset, and lost a prediction by it."""
-        self._transformed = self._last_x = self._last_P = None
+    def _ask(
+        self,
+        step: Callable[Arguments, Result],
+        *arguments: Arguments.args,
+        **keywords: Arguments.kwargs,
+    ) -> Result:
+        """Run a step of the backend; if it breaks off, believe only what the backend says."""
+        try:
+            return step(*arguments, **keywords)
+        except VERDICTS:
+            raise
+        except BaseException:
+            self._transformed = self._last_x = self._last_P = None
+            raise
 
     def update(self, z: ArrayLike | None, mask: ArrayLike | None = None, **arguments: Any) -> bool:
         """Correct the state with an observation.
@@ -483,11 +497,7 @@ class UnscentedKalmanFilter:
         for row in self._observation_angles:
             if used[row]:
                 observation[row] = wrap(observation[row], results[row, 0])
-        try:
-            self._nis, self._gated = self._backend.update(results, observation, used)
-        except CoreTimeoutError:
-            self._forget_prediction()
-            raise
+        self._nis, self._gated = self._ask(self._backend.update, results, observation, used)
         if not self._gated:
             self._transformed = self._last_x = self._last_P = None
         return not self._gated

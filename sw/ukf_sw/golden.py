@@ -49,6 +49,8 @@ _STATE_LSB, _INITIALISED_LSB, _POINTS_LSB, _RESIDUALS_LSB, _GATED_LSB, _DONE_LSB
     STATUS[name].lsb
     for name in ("STATE", "INITIALISED", "POINTS", "RESIDUALS", "GATED", Step(1).name)
 )
+_INDEX_LSB = ERROR["INDEX"].lsb
+_EVENT = {field.name: field.mask for field in INTERRUPT_PENDING}
 _ENABLE = CONTROL["ENABLE"].mask
 _RESET = CONTROL["RESET"].mask
 _START = {step: CONTROL[step.name].mask for step in _STEPS}
@@ -188,9 +190,7 @@ class GoldenCore:
             CONFIG.offset: lambda: fixed[CONFIG],
             CONTROL.offset: lambda: _ENABLE * self._enable,
             STATUS.offset: self._status,
-            ERROR.offset: lambda: (
-                ERROR["CODE"].put(self._error_code) | ERROR["INDEX"].put(self._error_index)
-            ),
+            ERROR.offset: lambda: self._error_code | self._error_index << _INDEX_LSB,
             INTERRUPT_ENABLE.offset: lambda: self._interrupt_enable,
             INTERRUPT_PENDING.offset: lambda: self._interrupt_pending,
             CYCLES.offset: lambda: self._cycles & WORD_MASK,
@@ -472,7 +472,7 @@ class GoldenCore:
         return 1 << (step - 1)
 
     def _signal(self, event: str) -> None:
-        self._interrupt_pending |= INTERRUPT_PENDING[event].mask
+        self._interrupt_pending |= _EVENT[event]
 
     def _execute(self, stop_after: int | None) -> RunResult:
         assert self._program is not None

@@ -148,9 +148,9 @@ class Pipeline:
         If a depth is out of range.
     """
 
-    multiply: int = 3
-    add: int = 4
-    reciprocal_sqrt: int = 9
+    multiply: int = 2
+    add: int = 2
+    reciprocal_sqrt: int = 3
 
     def __post_init__(self) -> None:
         for name, largest in (("multiply", 8), ("add", 8), ("reciprocal_sqrt", 16)):

@@ -211,6 +211,37 @@ def test_a_stuck_response_does_not_block_the_other_direction(kind):
     simulate(dut, testbench)
 
 
+@pytest.mark.parametrize("kind", ["write", "read"])
+def test_no_access_while_its_response_waits(kind):
+    """Or the response before it would be overwritten."""
+    dut = AxiLiteSubordinate(addr_width=ADDR_WIDTH)
+    bus = dut.s_axi
+    write = kind == "write"
+    valid, ready, response = (
+        (bus.bvalid, bus.bready, bus.bresp) if write else (bus.rvalid, bus.rready, bus.rresp)
+    )
+
+    async def testbench(ctx):
+        for signal in (bus.awvalid, bus.wvalid) if write else (bus.arvalid,):
+            ctx.set(signal, 1)
+        ctx.set(dut.access.ack, 1)
+        for expected in (Response.OKAY, Response.SLVERR):
+            ctx.set(dut.access.error, expected == Response.SLVERR)
+            ctx.set(ready, 0)
+            await ctx.tick().until(dut.access.valid)
+            ctx.set(dut.access.error, expected == Response.OKAY)
+            for _ in range(5):
+                assert ctx.get(valid)
+                assert not ctx.get(dut.access.valid)
+                await ctx.tick()
+            assert ctx.get(response) == expected
+            ctx.set(ready, 1)
+            await ctx.tick()
+            assert not ctx.get(valid)
+
+    simulate(dut, testbench)
+
+
 @pytest.mark.parametrize("access_clocks", [1, 2, 5])
 def test_latency_and_throughput(access_clocks):
     """An access begins one clock after its request, and one clock after it is the response."""

@@ -71,6 +71,7 @@ class Model:
     pending: int = 0
     state_bank: int = 0
     factor_bank: int = 0
+    mask: int = 0
     start: int = 0
     stop: int = 0
     seen: set = field(default_factory=set)  # kinds of events, to prove that a test meets them
@@ -90,7 +91,7 @@ class Model:
             "start": self.start,
             "stop": self.stop,
             "program": self.program,
-            "observation_mask": self.words[MASK] & ((1 << self.params.m) - 1),
+            "observation_mask": self.mask,
             "state_bank": self.state_bank,
             "factor_bank": self.factor_bank,
         }
@@ -190,6 +191,7 @@ class Model:
             self.seen.add("at once")
             return 0b01
         self.step, self.start = step, 1
+        self.mask = self.words[MASK] & ((1 << self.params.m) - 1)
         self.program = {
             Step.INIT: Program.INIT,
             Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
@@ -491,6 +493,17 @@ async def test_bytes_that_are_not_strobed_stay(bench):
     assert await bench.read(INTERRUPT_PENDING) == 0b01
     await bench.write(CONTROL, CONTROL["RESET"].mask | start_bit(Step.INIT), strobe=0b0000)
     assert await bench.get(STATUS, "INITIALISED") == 1
+
+
+@with_bench()
+async def test_the_mask_is_that_of_the_start(bench):
+    await bench.write(MASK, 1)
+    await bench.start(Step.INIT)
+    await bench.write(MASK, 0)
+    assert bench.ctx.get(bench.dut.observation_mask) == 1, "a running step keeps its mask"
+    await bench.end()
+    await bench.start(Step.SIG_GEN)
+    assert bench.ctx.get(bench.dut.observation_mask) == 0
 
 
 @with_bench()

@@ -7,6 +7,7 @@ from amaranth.sim import Simulator
 
 from ukf_hdl.axi4_lite import Response
 from ukf_hdl.core import UkfCore
+from ukf_hdl.generate import Toplevel
 from ukf_sim.axi4_lite_bench import AxiLiteManager, check_axi4_lite
 from ukf_sim.stub_engine import StubEngine
 from ukf_sw.float_format import BINARY16
@@ -145,7 +146,20 @@ def test_agrees_with_golden_core(params, pipeline, count):
             if choice < 0.35:
                 step = rng.choice([*STEPS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE, Step.UPDATE])
                 reset = CONTROL["RESET"].mask * (rng.random() < 0.03)
+                golden.hold = True
                 await write(CONTROL.offset, start_bit(step) | (rng.random() < 0.98) | reset)
+                if golden.busy:
+                    if rng.random() < 0.3:  # a few clocks, which is less than any step takes
+                        seen.add("while running")
+                        await rng.choice(
+                            [
+                                lambda: write(CONTROL.offset, start_bit(rng.choice(STEPS)) | 1),
+                                lambda: write(rng.choice(elements), value()),
+                                lambda: read(rng.choice(elements)),
+                                lambda: read(STATUS.offset),
+                            ]
+                        )()
+                    golden.finish()
                 await bench.idle()
                 for register in (STATUS, ERROR, CYCLES, NIS_LOW):
                     await read(register.offset)
@@ -163,10 +177,56 @@ def test_agrees_with_golden_core(params, pipeline, count):
             await read(address)
 
     Bench(UkfCore(params, pipeline), rng, 0.2).simulate(testbench)
+    assert "while running" in seen
+    seen.discard("while running")
     assert {step for step, code in seen if code == 0} == set(STEPS)
     codes = {code for _, code in seen}
     assert ErrorCode.ILLEGAL_STEP in codes
     assert codes & {ErrorCode.NOT_FINITE, ErrorCode.SINGULAR_OBSERVATION}
+
+
+def test_reset_of_the_package_is_active_low():
+    top = Toplevel(UkfCore(SMALLEST, engine=StubEngine(SMALLEST)))
+
+    async def testbench(ctx):
+        async def clocks(count):
+            for _ in range(count):
+                ctx.set(top.aclk, 1)
+                await ctx.delay(5e-9)
+                ctx.set(top.aclk, 0)
+                await ctx.delay(5e-9)
+
+        async def read_mask():
+            ctx.set(top.s_axi_araddr, MASK.offset)
+            ctx.set(top.s_axi_arvalid, 1)
+            await clocks(1)
+            ctx.set(top.s_axi_arvalid, 0)
+            await clocks(3)
+            assert ctx.get(top.s_axi_rvalid)
+            return ctx.get(top.s_axi_rdata)
+
+        ctx.set(top.aresetn, 1)
+        for signal, data in (
+            (top.s_axi_awaddr, MASK.offset), (top.s_axi_wdata, 0x1234), (top.s_axi_wstrb, 0xF),
+            (top.s_axi_awvalid, 1), (top.s_axi_wvalid, 1), (top.s_axi_bready, 1),
+        ):  # fmt: skip
+            ctx.set(signal, data)
+        await clocks(1)
+        ctx.set(top.s_axi_awvalid, 0)
+        ctx.set(top.s_axi_wvalid, 0)
+        await clocks(5)
+        assert await read_mask() == 0x1234
+        # With the response still there.
+        ctx.set(top.aresetn, 0)
+        await clocks(1)
+        assert not ctx.get(top.s_axi_rvalid)
+        await clocks(2)
+        ctx.set(top.aresetn, 1)
+        assert await read_mask() == 0xFFFF_FFFF
+
+    sim = Simulator(top)
+    sim.add_testbench(testbench)
+    sim.run()
 
 
 def test_clocks_of_accesses():

@@ -225,3 +225,11 @@ def test_every_exponent_of_binary32(tmp_path):
     assert np.array_equal(np.isnan(got), np.isnan(expected))
     ok = np.isnan(got) | (np.abs(got - expected) <= np.abs(expected) * 2.0**-23)
     assert ok.all()
+
+
+def test_wrong_words_are_rejected(tmp_path):
+    harness = UnitHarness(FloatAdder(BINARY32), ["a", "b"], "sum", tmp_path)
+    with pytest.raises(ValueError, match=r"^Words must be 2 arrays of one length, not of shapes"):
+        harness.run([1, 2], [3])
+    with pytest.raises(ValueError, match=r"^Words must not be empty, not "):
+        harness.run([], [])

