@@ -271,13 +271,9 @@ class Engine(wiring.Component):
         row = (word.pivot - 1)[: len(word.pivot)]
         is_observation = word.pivot <= params.m
         in_use = Cat(1, self.observation_mask).bit_select(word.pivot, 1)
-        zero_is_legal = Mux(
-            is_observation, ~in_use, Const(params.form is Form.SQUARE_ROOT, 1)
-        )
+        zero_is_legal = Mux(is_observation, ~in_use, Const(params.form is Form.SQUARE_ROOT, 1))
         bad_pivot = Signal()
-        m.d.comb += bad_pivot.eq(
-            (word.pivot != 0) & ~(is_positive | is_zero & zero_is_legal)
-        )
+        m.d.comb += bad_pivot.eq((word.pivot != 0) & ~(is_positive | is_zero & zero_is_legal))
 
         failed = self.error_code != ErrorCode.NONE
         passed = Signal()

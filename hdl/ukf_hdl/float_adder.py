@@ -10,8 +10,9 @@ from ukf_hdl.leading_zeros import (
     select,
     shift_left_digit,
 )
-from ukf_hdl.pipelining import Pipeline
+from ukf_hdl.pipelining import CutPoints
 from ukf_sw.float_format import FloatFormat
+from ukf_sw.parameters import Pipeline
 
 __all__ = ["FloatAdder"]
 
@@ -73,7 +74,7 @@ class FloatAdder(wiring.Component):
         If :py:`stages` is not an integer in range.
     """
 
-    DEFAULT_STAGES = 2
+    DEFAULT_STAGES = Pipeline.add
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
         if not isinstance(fmt, FloatFormat):
@@ -115,7 +116,7 @@ class FloatAdder(wiring.Component):
         differ by at most one and whose leading place is cancelled: they move by any number of
         places, but are exact.
         """
-        pipeline = Pipeline(m, self._stages, _TWO_PATH_CUTS)
+        pipeline = CutPoints(m, self._stages, _TWO_PATH_CUTS)
         fmt = self._fmt
         fraction_bits, exponent_bits, precision = (
             fmt.fraction_bits,
@@ -296,7 +297,7 @@ class FloatAdder(wiring.Component):
 
     def _elaborate_single_path(self, m):
         """Align, add, normalise and round, one after the other: slower, but smaller."""
-        pipeline = Pipeline(m, self._stages, _CUTS)
+        pipeline = CutPoints(m, self._stages, _CUTS)
 
         ordered = pipeline.cut("ordered", *self._elaborate_order(m))
         aligned = pipeline.cut("aligned", *self._elaborate_alignment(m, *ordered))

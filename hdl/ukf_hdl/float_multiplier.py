@@ -4,8 +4,9 @@ from amaranth import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ukf_hdl.pipelining import Pipeline
+from ukf_hdl.pipelining import CutPoints
 from ukf_sw.float_format import FloatFormat
+from ukf_sw.parameters import Pipeline
 
 __all__ = ["FloatMultiplier"]
 
@@ -67,7 +68,7 @@ class FloatMultiplier(wiring.Component):
         If :py:`stages` is not an integer in range.
     """
 
-    DEFAULT_STAGES = 2
+    DEFAULT_STAGES = Pipeline.multiply
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
         if not isinstance(fmt, FloatFormat):
@@ -96,7 +97,7 @@ class FloatMultiplier(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         fmt = self._fmt
-        pipeline = Pipeline(m, self._stages, _CUTS)
+        pipeline = CutPoints(m, self._stages, _CUTS)
         a, b = pipeline.cut("input", self.a, self.b)
 
         control = self._elaborate_control(m, a, b)

@@ -2,10 +2,10 @@
 
 from amaranth import Signal
 
-__all__ = ["Pipeline"]
+__all__ = ["CutPoints"]
 
 
-class Pipeline:
+class CutPoints:
     """Places the pipeline registers of a unit.
 
     A unit is written as combinational logic with named places where a register may stand. Which of

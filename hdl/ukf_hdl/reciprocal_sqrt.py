@@ -5,8 +5,9 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from ukf_hdl.pipelining import Pipeline
+from ukf_hdl.pipelining import CutPoints
 from ukf_sw.float_format import FloatFormat
+from ukf_sw.parameters import Pipeline
 from ukf_sw.reciprocal_sqrt import ReciprocalSqrtParams
 
 __all__ = ["ReciprocalSqrt"]
@@ -80,7 +81,7 @@ class ReciprocalSqrt(wiring.Component):
         If :py:`stages` is not an integer in range.
     """
 
-    DEFAULT_STAGES = 3
+    DEFAULT_STAGES = Pipeline.reciprocal_sqrt
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
         if not isinstance(fmt, FloatFormat):
@@ -109,7 +110,7 @@ class ReciprocalSqrt(wiring.Component):
         m = Module()
         params, fmt = self._params, self.fmt
         cuts = _NEWTON_CUTS if params.newton else _CUTS
-        pipeline = Pipeline(m, self._stages, cuts)
+        pipeline = CutPoints(m, self._stages, cuts)
 
         # The radicand is only used by Newton's iteration.
         control = self._elaborate_control(m)

@@ -43,9 +43,7 @@ CONFIGURATIONS = {
 _SCENARIOS: dict[str, Callable[..., Scenario]] = {
     "nanosat": nanosat,
     "nanosat-2014": nanosat_2014,
-    "nanosat-additive": lambda *args, **keywords: nanosat(
-        *args, noise=Noise.ADDITIVE, **keywords
-    ),
+    "nanosat-additive": lambda *args, **keywords: nanosat(*args, noise=Noise.ADDITIVE, **keywords),
 }
 
 

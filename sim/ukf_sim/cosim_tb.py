@@ -25,7 +25,9 @@ async def run_job(dut):
     try:
         result = await bridge(task)(context, **job.arguments)
     except Exception as error:
-        result = Failure(kind=type(error).__name__, message=str(error), trace=traceback.format_exc())
+        result = Failure(
+            kind=type(error).__name__, message=str(error), trace=traceback.format_exc()
+        )
         raise
     finally:
         (folder / "result.pickle").write_bytes(pickle.dumps(result))

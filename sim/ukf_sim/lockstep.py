@@ -160,9 +160,7 @@ class LockstepBus:
         self.words_compared += len(addresses)
         wrong = np.flatnonzero(found != expected)
         if wrong.size:
-            self._compare(
-                int(addresses[wrong[0]]), int(found[wrong[0]]), int(expected[wrong[0]])
-            )
+            self._compare(int(addresses[wrong[0]]), int(found[wrong[0]]), int(expected[wrong[0]]))
         return found
 
     def write_many(self, addresses: Addresses, words: Words) -> None:

@@ -9,11 +9,13 @@ import numpy as np
 from ukf_sim.configurations import Problem
 from ukf_sim.cosimulation import Context
 from ukf_sim.lockstep import MismatchError
+from ukf_sim.running import describe, iterate
 from ukf_sw.errors import StepError
 
 __all__ = ["run_problem"]
 
-#: Regions that are compared after every step; the others change rarely and are compared at the end.
+#: Regions that are compared after every step; the others are compared at the beginning and at the
+#: end, because the driver reads them rarely.
 OFTEN = ("X", "x", "L")
 
 
@@ -32,71 +34,58 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
     Returns
     -------
     dict
-        What was observed; see :mod:`ukf_sim.report`.
+        ``mismatch``, what differed first, or None; ``stopped``, the error of the core that ended
+        the run, or None; ``words_compared``; ``x``, the estimates, and ``last_x``, the one that
+        could be read at the end; ``P``; ``first_cycles``, of INIT, and ``cycles`` of the steps of
+        each iteration; ``traffic`` in words and ``clocks`` of each iteration; ``seconds``.
     """
     scenario = problem.scenario(steps)
     bus = context.lockstep()
     bench = context.bench
-    observed: dict[str, Any] = {
-        "x": [], "P": None, "cycles": [], "traffic": [], "clocks": [], "mismatch": None,
-        "stopped": None,
+    x: list[np.ndarray] = []
+    cycles: list[dict[str, int]] = []
+    traffic: list[dict[str, int]] = []
+    clocks: list[dict[str, int]] = []
+    result: dict[str, Any] = {
+        "mismatch": None, "stopped": None, "last_x": None, "P": None, "first_cycles": {},
     }  # fmt: skip
-    ukf = None
     started = time.perf_counter()
     try:
         driver = context.driver(bus)
-        ukf = scenario.filter(driver)
-        observed["first_cycles"] = dict(driver.last_cycles)
-        bus.verify()
-        started = time.perf_counter()
-        for k in range(steps):
-            traffic, clock = driver.traffic, bench.clock
-            words, bus_clocks = bench.words, bench.bus_clocks
-            driver.last_cycles.clear()
-            ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
-            mask = None if scenario.sampled is None else scenario.sampled[k]
-            if mask is None or mask.any():
-                arguments = scenario.observation_arguments
-                ukf.update(
-                    scenario.measurements[k], mask, **({} if arguments is None else arguments[k])
-                )
-            observed["x"].append(ukf.x)
-            observed["cycles"].append(dict(driver.last_cycles))
-            observed["traffic"].append(asdict(driver.traffic - traffic))
-            observed["clocks"].append(
-                {
-                    "iteration": bench.clock - clock,
-                    "bus": bench.bus_clocks - bus_clocks,
-                    "words": bench.words - words,
-                }
-            )
-            bus.verify(OFTEN)
-            context.report(k + 1)
-    except MismatchError as error:
-        observed["mismatch"] = str(error)
-    except StepError as error:
-        observed["stopped"] = _describe(error)
-    observed["seconds"] = time.perf_counter() - started
-    if ukf is not None and observed["mismatch"] is None:
         try:
-            observed["last_x"] = driver.state()
+            ukf = scenario.filter(driver)
+            result["first_cycles"] = dict(driver.last_cycles)
             bus.verify()
-            if observed["stopped"] is None:
-                observed["P"] = ukf.P
-                bus.verify()
-        except MismatchError as error:
-            observed["mismatch"] = str(error)
+            started = time.perf_counter()
+            before = (driver.traffic, bench.clock, bench.bus_clocks, bench.words)
+            driver.last_cycles.clear()
+            for k in iterate(ukf, scenario, steps):
+                x.append(ukf.x)
+                cycles.append(dict(driver.last_cycles))
+                traffic.append(asdict(driver.traffic - before[0]))
+                clocks.append({
+                    "iteration": bench.clock - before[1],
+                    "bus": bench.bus_clocks - before[2],
+                    "words": bench.words - before[3],
+                })  # fmt: skip
+                bus.verify(OFTEN)
+                context.report(k + 1)
+                before = (driver.traffic, bench.clock, bench.bus_clocks, bench.words)
+                driver.last_cycles.clear()
+            result["seconds"] = time.perf_counter() - started
+            result["P"] = ukf.P
         except StepError as error:
-            observed["stopped"] = _describe(error)
-    observed["words_compared"] = bus.words_compared
-    observed["x"] = np.array(observed["x"]).reshape(-1, scenario.params.n)
-    return observed
-
-
-def _describe(error: StepError) -> dict[str, Any]:
-    return {
-        "step": error.step.name,
-        "error": type(error).__name__.removesuffix("Error"),
-        "index": getattr(error, "index", None),
-        "message": str(error),
+            result["stopped"] = describe(error, len(x))
+            result["seconds"] = time.perf_counter() - started
+        result["last_x"] = driver.state()
+        bus.verify()
+    except MismatchError as error:
+        result["mismatch"] = str(error)
+        result["seconds"] = time.perf_counter() - started
+    return result | {
+        "words_compared": bus.words_compared,
+        "x": np.array(x).reshape(-1, scenario.params.n),
+        "cycles": cycles,
+        "traffic": traffic,
+        "clocks": clocks,
     }

@@ -125,7 +125,10 @@ class FloatFormat:
             rounded = magnitude
         rebias = (1023 - self.bias) << self.fraction_bits
         word = (rounded >> shift).astype(np.int64) - np.int64(rebias)
-        tiny = word < np.int64(1 << self.fraction_bits)
+        # The test on the value is for subnormal float64 numbers, which have no hidden bit.
+        tiny = (word < np.int64(1 << self.fraction_bits)) | (
+            np.abs(values) < self.min_normal * (1.0 - self.epsilon / 4)
+        )
         large = word >= np.int64(self.infinity)
         word = np.where(tiny, 0, np.where(large, self.infinity, word)).astype(np.uint64) | sign
         return np.where(np.isnan(values), np.uint64(self.nan), word)

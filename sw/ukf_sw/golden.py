@@ -141,7 +141,7 @@ class GoldenCore:
         self._tabulate()
 
         self._enable = bool(CONTROL["ENABLE"].reset)
-        self._mask = MASK["VALUE"].reset
+        self._mask = self._step_mask = MASK["VALUE"].reset
         self._gate = params.format.infinity
         self._nis = 0
         self._interrupt_enable = 0
@@ -455,6 +455,7 @@ class GoldenCore:
             self._signal("DONE")
             return
         self._step = step
+        self._step_mask = self._mask & (1 << self.params.m) - 1
         self._program = {
             Step.INIT: Program.INIT,
             Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
@@ -478,7 +479,7 @@ class GoldenCore:
         assert self._program is not None
         return self.engine.run(
             self._program,
-            mask=self._mask & (1 << self.params.m) - 1,
+            mask=self._step_mask,
             state_bank=self.state_bank,
             factor_bank=self.factor_bank,
             stop_after=stop_after,

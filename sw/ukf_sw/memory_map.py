@@ -144,7 +144,5 @@ class MemoryMap:
                 f"{symbol} is {region.rows} by {region.columns}, no element ({row}, {column})"
             )
         return (
-            region.index * self.region_stride
-            + row * self.row_stride
-            + column * self.element_bytes
+            region.index * self.region_stride + row * self.row_stride + column * self.element_bytes
         )

@@ -78,12 +78,12 @@ class UkfParams:
                 raise ValueError(f"{name} must be between {smallest} and {MAX_SIZE}, not {value!r}")
         for name, kind in (
             ("process_noise", Noise), ("observation_noise", Noise), ("form", Form),
-            ("format", FloatFormat),
+            ("format", FloatFormat), ("W0", int | float),
         ):  # fmt: skip
-            if not isinstance(getattr(self, name), kind):
-                raise TypeError(f"{name} must be a {kind.__name__}, not {getattr(self, name)!r}")
-        if not isinstance(self.W0, int | float) or isinstance(self.W0, bool):
-            raise TypeError(f"W0 must be a float, not {self.W0!r}")
+            value = getattr(self, name)
+            if not isinstance(value, kind) or isinstance(value, bool):
+                wanted = "number" if name == "W0" else kind.__name__
+                raise TypeError(f"{name} must be a {wanted}, not {value!r}")
         if not (isfinite(self.W0) and 0.0 <= self.W0 < 1.0):
             raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")
         if self.process_noise is Noise.ADDITIVE and self.q not in (0, self.n):

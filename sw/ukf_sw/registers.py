@@ -182,7 +182,8 @@ STATUS = Register(
         Field(name="POINTS", lsb=4, access=Access.RO,
               doc="X holds sigma points of the estimate: PREDICT may start."),
         Field(name="RESIDUALS", lsb=5, access=Access.RO,
-              doc="PREDICT was the last step that changed the estimate: UPDATE uses its residuals."),
+              doc="PREDICT was the last step that changed the estimate: UPDATE uses its "
+                  "residuals."),
         Field(name="GATED", lsb=6, access=Access.RO,
               doc="The last UPDATE was rejected: its NIS exceeded the gate."),
         *_steps(8, Access.RO, "{} has ended, well or not, and has not been started since."),
@@ -215,7 +216,11 @@ INTERRUPT_PENDING = Register(
 )  # fmt: skip
 CYCLES = _word("CYCLES", 0x20, Access.RO, "Clocks from start to end of the last step.")
 MASK = _word(
-    "MASK", 0x24, Access.RW, "Bit i takes observation i into UPDATE.", reset=0xFFFF_FFFF
+    "MASK",
+    0x24,
+    Access.RW,
+    "Bit i takes observation i into UPDATE, as of its start.",
+    reset=0xFFFF_FFFF,
 )
 NIS_LOW = _word(
     "NIS_LOW", 0x28, Access.RO, "Normalised innovation squared of the last UPDATE, a number."

@@ -165,10 +165,8 @@ MUTANTS = [
     ),
     Mutant(
         "control: results of a failed step are committed", "hdl/ukf_hdl/control.py",
-        "                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]\n"
-        "                with m.If(~failed):\n",
-        "                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]\n"
-        "                with m.If(1):\n",
+        "points.eq(0)]\n                with m.If(~failed):",
+        "points.eq(0)]\n                with m.If(1):",
         CONTROL,
     ),
     Mutant(
@@ -197,9 +195,7 @@ def run(mutant: Mutant) -> tuple[bool, str]:
         for name in ("hdl", "sw", "sim", "tests", "pyproject.toml", "README.md"):
             source = ROOT / name
             if source.is_dir():
-                shutil.copytree(
-                    source, copy / name, ignore=shutil.ignore_patterns("__pycache__")
-                )
+                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
             else:
                 shutil.copy(source, copy / name)
         file = copy / mutant.file

@@ -508,6 +508,16 @@ def test_blocks_stop_at_the_first_refused_access():
         bus.write(unmapped, 0)
 
 
+def test_halves_of_different_elements_stay_apart():
+    params = UkfParams(n=2, m=1, format=BINARY64)
+    core = GoldenCore(params)
+    first, second = (MemoryMap(params).address("x", 0, i) for i in range(2))
+    addresses = np.array([first, second + 4])
+    core.write_many(addresses, np.array([0, 0x3FF0_0000], dtype=np.uint32))
+    singly = [core.read(int(a))[0] for a in (first, first + 4, second, second + 4)]
+    assert singly == [0, 0, 0, 0x3FF0_0000]
+
+
 def test_block_writes_follow_the_flags(core):
     memory_map = MemoryMap(SMALL)
     for symbol, predicted in (("Z", True), ("x", True), ("L", False)):

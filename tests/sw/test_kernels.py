@@ -43,9 +43,7 @@ def test_mean_residual(sequential, pes):
 def test_masked_mean_residual_is_zero(sequential, pes):
     params, layout, builder, memory = machine(sequential, pes)
     memory.put(layout.Z[1], [np.nan] * (params.N + 1))
-    kernels.mean_residual(
-        builder, layout.Z[1], layout.Ez[1], [(0, layout.rhs + 1)], observation=1
-    )
+    kernels.mean_residual(builder, layout.Z[1], layout.Ez[1], [(0, layout.rhs + 1)], observation=1)
     memory.run(builder.operations, mask=0b01)
     assert not memory.get(layout.Ez[1], params.N + 1).any()
 
@@ -109,9 +107,7 @@ def test_multiply_add(sequential, pes):
     memory.put(layout.X[0], [9.0] * (points + 1))
     loaded = [builder.load(layout.P[0], k) for k in range(3)]
     terms = [(loaded[k], layout.Ex[k], [(0, points)]) for k in range(2)]
-    kernels.multiply_add(
-        builder, layout.X[0], (loaded[2], layout.ones, True), terms, [(0, points)]
-    )
+    kernels.multiply_add(builder, layout.X[0], (loaded[2], layout.ones, True), terms, [(0, points)])
     memory.run(builder.operations)
     result = memory.get(layout.X[0], points + 1)
     np.testing.assert_allclose(result[:-1], s[:2] @ row[:2] - s[2], atol=1e-14)

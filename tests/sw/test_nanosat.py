@@ -174,6 +174,19 @@ def test_noise_is_as_specified(make):
     np.testing.assert_allclose(np.diag(scenario.R), np.square(expected))
 
 
+@pytest.mark.parametrize("make", SCENARIOS)
+def test_the_input_of_a_step_is_the_sample_before_it(make):
+    settings = replace(nanosat.NANOSAT_2014, sigma_g=0.0, sigma_d=0.0, dt=0.5, duration=20.0)
+    scenario = make(settings=settings)
+    times = scenario.times - settings.dt
+    assert times[0] == 0.0
+    if make is nanosat.nanosat:
+        _, rates = nanosat._tumbling(times, nanosat.BODY_2018)
+    else:
+        _, rates = nanosat._oscillation(times)
+    np.testing.assert_allclose(scenario.inputs, rates.T, atol=1e-12)
+
+
 #: Bounds of the rms error after one second, degrees: total and about x, y, z. Over 10 seeds of 100
 #: s the reference results are .025 .0045 .0045 (2014) and .010 .008 .010 (2018) per axis; four
 #: seconds of a few seeds scatter around them, more with P0 = I, which still converges.

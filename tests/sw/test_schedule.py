@@ -124,12 +124,11 @@ def test_checker_sees_every_operation_that_is_too_early(plan):
 
 
 def test_checker_sees_two_operations_on_one_clock(plan):
+    issue = list(plan.issue)
+    issue[1] = issue[0]
+    crowded = Schedule(plan.operations, issue, plan.timing, plan.length)
     with pytest.raises(ScheduleError, match="read ports of lane 0 is used by operations 0 and 1"):
-        issue = list(plan.issue)
-        issue[1] = issue[0]
-        check_schedule(
-            Schedule(plan.operations, issue, plan.timing, plan.length), pes=2, pipeline=Pipeline()
-        )
+        check_schedule(crowded, pes=2, pipeline=Pipeline())
 
 
 def test_checker_sees_adders_that_meet():
@@ -193,9 +192,9 @@ def test_results_do_not_depend_on_the_pipeline():
     params = UkfParams(n=3, m=2, q=2, pes=3)
     rng = np.random.default_rng(7)
     contents = []
+    filled = rng.normal(size=Interpreter(params).memory.shape)
     for pipeline in (Pipeline(), Pipeline(multiply=1, add=1, reciprocal_sqrt=2)):
         interpreter = Interpreter(params, pipeline)
-        filled = rng.normal(size=interpreter.memory.shape) if not contents else filled
         interpreter.memory[:] = np.where(interpreter.memory, interpreter.memory, filled)
         for program in (Program.INIT, Program.SIG_GEN, Program.PREDICT, Program.UPDATE):
             interpreter.run(program)
@@ -207,7 +206,7 @@ def test_control_words_reject_values_that_do_not_fit():
     control = ControlFormat(
         address_width=4, scalar_width=2, lane_sets=3, pes=2, observations=2, rows=4
     )
-    with pytest.raises(ValueError, match="^scalar_address must fit 2 bits, not 4$"):
+    with pytest.raises(ValueError, match=r"^scalar_address must fit 2 bits, not 4$"):
         control.encode({"scalar_address": 4})
     words = [control.encode({"address_0": 9, "pivot": 4, "last": 1})]
     fields = control.decode(words)

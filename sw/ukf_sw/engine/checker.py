@@ -74,7 +74,9 @@ def check_schedule(
         for k, beat in enumerate(operation.beats):
             clock = issue + k * pipeline.add
             for word in (beat.word_0, beat.word_1):
-                for lane in range(pes) if word is not None else ():
+                if word is None:
+                    continue
+                for lane in range(pes):
                     if beat.lanes >> lane & 1:
                         place = ("current", word, lane)
                         reads[clock].append((place, index))

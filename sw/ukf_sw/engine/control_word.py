@@ -102,7 +102,8 @@ class ControlFormat:
         widths = {
             "address_0": address_width, "bank_state_0": 1, "bank_factor_0": 1,
             "address_1": address_width, "bank_factor_1": 1,
-            "scalar_address": scalar_width, "use_scalar": 1, "zero": 1, "subtract": 1, "dot": 1, "first": 1,
+            "scalar_address": scalar_width, "use_scalar": 1, "zero": 1, "subtract": 1,
+            "dot": 1, "first": 1,
             "select": max(lanes_width, (pes - 1).bit_length()),
             "write": 1, "write_address": address_width, "write_bank_state": 1,
             "write_bank_factor": 1, "write_lanes": lanes_width, "write_bus": 1, "bus_source": 2,

@@ -47,7 +47,9 @@ class Row:
         return target, source, lanes if target == source else every_lane
 
 
-def inner(builder: ProgramBuilder, a: Row, b: Row, columns: Columns) -> list[tuple[Word, Word, int]]:
+def inner(
+    builder: ProgramBuilder, a: Row, b: Row, columns: Columns
+) -> list[tuple[Word, Word, int]]:
     """Beats of the inner product of two rows."""
     return [
         (a.word(beat), b.word(beat), lanes)

@@ -134,7 +134,7 @@ class ProgramBuilder:
         *,
         observation: int | None = None,
     ) -> None:
-        """destination = a * b, in the given lanes of one beat."""
+        """Destination = a * b, in the given lanes of one beat."""
         self.operations.append(
             Operation(
                 kind=Kind.MULTIPLY, beats=(Beat(a, b, lanes),), destination=destination,
@@ -151,7 +151,7 @@ class ProgramBuilder:
         *,
         observation: int | None = None,
     ) -> None:
-        """destination = a * b, in the given columns."""
+        """Destination = a * b, in the given columns."""
         for beat, lanes in self.lanes_by_beat(columns).items():
             self.multiply_beat(
                 destination.word(beat), a.word(beat), b.word(beat), lanes, observation=observation
@@ -168,7 +168,7 @@ class ProgramBuilder:
         subtract: bool = False,
         observation: int | None = None,
     ) -> None:
-        """destination = c + s * b, or c - s * b, in the given lanes of one beat."""
+        """Destination = c + s * b, or c - s * b, in the given lanes of one beat."""
         self.operations.append(
             Operation(
                 kind=Kind.AXPY, beats=(Beat(c, b, lanes),), scalar=s, subtract=subtract,
@@ -187,7 +187,7 @@ class ProgramBuilder:
         subtract: bool = False,
         observation: int | None = None,
     ) -> None:
-        """destination = c + s * b, or c - s * b, in the given columns; without c it is zero."""
+        """Destination = c + s * b, or c - s * b, in the given columns; without c it is zero."""
         for beat, lanes in self.lanes_by_beat(columns).items():
             self.axpy_beat(
                 destination.word(beat), c.word(beat) if c else None, s, b.word(beat), lanes,

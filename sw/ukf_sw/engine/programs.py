@@ -112,19 +112,18 @@ def _sig_gen_predicted(b: ProgramBuilder) -> None:
     state = _load_state(b)
     if p.form is Form.SQUARE_ROOT:
         rows = [Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)]
-        L = trisolve(
+        factor = trisolve(
             b, rows, layout.roots[p.m :], 0, p.n,
             pivots=lambda j: (columns.state_dots, columns.state_dots),
             gram_schmidt=True, factor=_store_factor(layout, 0), pivot_offset=p.m,
         )  # fmt: skip
     else:
-        rows = _joint_rows(layout)
-        L = trisolve(
-            b, rows, layout.roots, p.m, p.m + p.n, pivots=_joint_columns(layout),
+        joint = trisolve(
+            b, _joint_rows(layout), layout.roots, p.m, p.m + p.n, pivots=_joint_columns(layout),
             gram_schmidt=False, factor=_store_factor(layout, p.m),
         )  # fmt: skip
-        L = {(i - p.m, j - p.m): value for (i, j), value in L.items()}
-    sig_gen(b, L, state)
+        factor = {(i - p.m, j - p.m): value for (i, j), value in joint.items()}
+    sig_gen(b, factor, state)
 
 
 def _predict(b: ProgramBuilder) -> None:
@@ -147,6 +146,14 @@ def _update_redrawn(b: ProgramBuilder) -> None:
         scale_residual(b, residual, layout.scale_redrawn, columns.all)
     if p.form is Form.COVARIANCE:
         _predicted_gram(b)
+
+
+def _residual_columns(layout: Layout) -> Callable[[int], tuple[Columns, Columns]]:
+    """Columns of the residuals for pivot j: of its inner products, and that it changes."""
+    columns, m = _Columns(layout), layout.params.m
+    observation = (columns.observation_dots, columns.observation)
+    state = (columns.state_dots, columns.state_dots)
+    return lambda j: observation if j < m else state
 
 
 def _joint_rows(layout: Layout) -> list[Row]:
@@ -175,11 +182,7 @@ def _update(b: ProgramBuilder) -> None:
         ]
         rhs = layout.rhs
 
-        def pivots(j: int) -> tuple[Columns, Columns]:
-            if j < m:
-                return columns.observation_dots, columns.observation
-            return columns.state_dots, columns.state_dots
-
+        pivots = _residual_columns(layout)
     else:
         z = [Row(row, row) for row in layout.Ez]
         x = [Row(row, row) for row in layout.Ex]

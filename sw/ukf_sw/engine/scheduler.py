@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ukf_sw.engine.layout import Word
+from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.operations import Kind, Operation, Scalar
 from ukf_sw.engine.timing import Timing
 
@@ -41,9 +41,7 @@ class Schedule:
     length: int
 
 
-def _dependences(
-    operations: Sequence[Operation], timing: Timing
-) -> list[list[tuple[int, int]]]:
+def _dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tuple[int, int]]]:
     """For each operation its predecessors and the least distance of the two issues.
 
     Reads wait until the word has been written by all who write a part of it before; writes wait
@@ -57,44 +55,40 @@ def _dependences(
 
     for index, operation in enumerate(operations):
         distances: dict[int, int] = {}
-
-        def after(
-            predecessor: int, distance: int, index: int = index, distances: dict[int, int] = distances
-        ) -> None:
-            if predecessor != index:
-                distances[predecessor] = max(distances.get(predecessor, -(1 << 30)), distance)
-
         delay = timing.result(operation.kind, len(operation.beats))
+        waits: list[tuple[int, int]] = []  # predecessor, distance
         if operation.scalar is not None:
             writer, written = scalars[operation.scalar]
-            after(writer, written + 1)
+            waits.append((writer, written + 1))
         reads: list[tuple[Word, int]] = []
         for k, beat in enumerate(operation.beats):
             for word in (beat.word_0, beat.word_1):
                 if word is not None:
                     reads.append((word, k * interval))
-                    for writer, written, _ in writers[word]:
-                        after(writer, written + 1 - k * interval)
+                    waits += [
+                        (writer, written + 1 - k * interval) for writer, written, _ in writers[word]
+                    ]
         writes: list[tuple[Word, int, int]] = []
         if operation.destination is not None:
             writes.append((operation.destination, delay, operation.lanes))
         if operation.root is not None:
             every_lane = (1 << timing.pes) - 1
             writes.append((operation.root, delay + timing.pipeline.reciprocal_sqrt, every_lane))
-        for word, written, lanes in writes:
-            if not word[1]:  # the next bank is written, the current one read
-                for reader, read in readers[word]:
-                    after(reader, read + 1 - written)
-            for writer, other, _ in writers[word]:
-                after(writer, other + 1 - written)
+        for word, written, _ in writes:
+            if word[1] == BANK_NONE:  # else the next bank is written, the current one read
+                waits += [(reader, read + 1 - written) for reader, read in readers[word]]
+            waits += [(writer, other + 1 - written) for writer, other, _ in writers[word]]
+        for predecessor, distance in waits:
+            distances[predecessor] = max(distance, distances.get(predecessor, distance))
+
         for word, read in reads:
             readers[word].append((index, read))
         for word, written, lanes in writes:
-            if word[1]:
+            if word[1] != BANK_NONE:
                 continue
             kept = [entry for entry in writers[word] if entry[2] & ~lanes]
             writers[word] = [*kept, (index, written, lanes)]
-            if len(kept) == 0:
+            if not kept:
                 readers[word] = []
         if operation.result is not None:
             scalars[operation.result] = (index, delay)
@@ -107,13 +101,13 @@ class _Reservations:
 
     def __init__(self, timing: Timing) -> None:
         self._timing = timing
-        self._issue = 0
-        self._write_port = 0
-        self._scalar_bus = 0
+        self._issue: int = 0
+        self._write_port: int = 0
+        self._scalar_bus: int = 0
         # Issues that would meet a dot product in an adder, and the other way round.
-        self._no_lanes = 0
-        self._no_scale = 0
-        self._no_dot = 0
+        self._no_lanes: int = 0
+        self._no_scale: int = 0
+        self._no_dot: int = 0
 
     def place(self, operation: Operation, ready: int) -> int:
         """Take the stages that an operation needs, from the earliest possible clock on."""

@@ -28,9 +28,22 @@ from ukf_sw.parameters import Noise, UkfParams
 from ukf_sw.scenario import Scenario
 
 __all__ = [
-    "BODY_2018", "NANOSAT", "NANOSAT_2014", "NANOSAT_2018", "NANOSAT_ADDITIVE", "NanosatSettings",
-    "attitude_error", "multiply", "nanosat", "nanosat_2014", "observation_model", "process_model",
-    "quaternion_of_matrix", "rotation_matrix", "triad",
+    "BODY_2018",
+    "NANOSAT",
+    "NANOSAT_2014",
+    "NANOSAT_2018",
+    "NANOSAT_ADDITIVE",
+    "Body",
+    "NanosatSettings",
+    "attitude_error",
+    "multiply",
+    "nanosat",
+    "nanosat_2014",
+    "observation_model",
+    "process_model",
+    "quaternion_of_matrix",
+    "rotation_matrix",
+    "triad",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -41,10 +54,6 @@ NANOSAT = UkfParams(n=7, m=6, q=7, r=6)
 NANOSAT_ADDITIVE = UkfParams(
     n=7, m=6, q=7, r=6, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
 )
-
-#: Sensor axes and local directions of the accelerometer (z) and the magnetometer (x).
-ACCELEROMETER = np.array([0.0, 0.0, 1.0])
-MAGNETOMETER = np.array([1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, kw_only=True)
