@@ -277,10 +277,7 @@ def generate(
 
 @app.command()
 @_with_core
-def latency(
-    core: Core,
-    as_json: JsonOption = False,
-) -> None:
+def latency(core: Core, as_json: JsonOption = False) -> None:
     """Print the cycles of every step, from the schedule: what the core's counter will read."""
     from ukf_sim.report import describe_params
     from ukf_sim.report import latency as compute
@@ -320,14 +317,19 @@ def cosim(
     ] = SimulatorName.VERILATOR,
     interrupt: Annotated[
         bool,
-        typer.Option("--interrupt/--polling", help="How the driver waits for a step.",
-                     rich_help_panel=_COSIM),
+        typer.Option(
+            "--interrupt/--polling", help="How the driver waits for a step.", rich_help_panel=_COSIM
+        ),
     ] = True,
     bus_latency: Annotated[
         float,
-        typer.Option("--bus-latency", min=0.0, rich_help_panel=_COSIM,
-                     help="Clocks that a bus word takes at least, on average; 0: as few as the "
-                          "core needs; 15.6: the bus of the 2018 paper."),
+        typer.Option(
+            "--bus-latency",
+            min=0.0,
+            rich_help_panel=_COSIM,
+            help="Clocks that a bus word takes at least, on average; 0: as few as the "
+            "core needs; 15.6: the bus of the 2018 paper.",
+        ),
     ] = 0.0,
     cache: Annotated[
         Path,
@@ -340,6 +342,7 @@ def cosim(
     The exit code is 0 if every word agreed, also when both stopped with the same error, and 1 if
     not. Without a configuration, a random system of the given sizes is estimated.
     """
+    with _checked():
         problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
         scenario = problem.scenario(steps)
     from ukf_sim.cosimulation import Job, cosimulate
@@ -473,8 +476,12 @@ def run(
     ] = BackendName.GOLDEN,
     steps: Annotated[
         int | None,
-        typer.Option("--steps", min=1, help="Iterations; all of the scenario by default.",
-                     rich_help_panel=_DATA),
+        typer.Option(
+            "--steps",
+            min=1,
+            help="Iterations; all of the scenario by default.",
+            rich_help_panel=_DATA,
+        ),
     ] = None,
     seed: SeedOption = 0,
     p0: P0Option = 1.0,

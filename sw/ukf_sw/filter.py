@@ -146,9 +146,10 @@ class UnscentedKalmanFilter:
 
     Predict and update may come at different rates and in any order; several updates may follow each
     other. An update directly after a predict sends the predicted sigma points through h, as in the
-    papers; any other update draws new ones first. :meth:`redraw` in between, or ``redraw=True``,
-    asks for that. The predicted points do not have the spread of an *additive* process noise, so
-    without redrawing the gain leaves that of the last step out of account; filterpy redraws.
+    papers; any other update draws new ones first. :meth:`redraw` in between asks for that. The
+    predicted points do not have the spread of an *additive* process noise, and without redrawing
+    the gain would leave that of the last step out of account, so with such a noise predict redraws
+    unless ``redraw=False``. (filterpy always redraws.)
 
     Nothing that raises changes the estimate, except as :class:`ukf_sw.errors.CoreTimeoutError`
     says. After a :class:`ukf_sw.errors.BusError` a step may have happened or not; :attr:`x` and
@@ -175,8 +176,8 @@ class UnscentedKalmanFilter:
     vectorized
         Whether the models take all sigma points at once.
     redraw
-        Whether every predict ends with :meth:`redraw`. It costs a factorisation and, on a core,
-        reading the points once more.
+        Whether every predict ends with :meth:`redraw`; None: if there is additive process noise.
+        It costs a factorisation and, on a core, reading the points once more.
     state_angles, observation_angles
         Indices of the states and of the observations that are angles, in radians. Results of the
         models and z are wrapped to within half a turn of sigma point 0.
@@ -203,7 +204,7 @@ class UnscentedKalmanFilter:
         R: ArrayLike | None = None,
         backend: Backend | str = "reference",
         vectorized: bool = False,
-        redraw: bool = False,
+        redraw: bool | None = None,
         state_angles: tuple[int, ...] = (),
         observation_angles: tuple[int, ...] = (),
     ) -> None:
@@ -223,7 +224,7 @@ class UnscentedKalmanFilter:
         self._h = h
         self._params = params
         self._vectorized = vectorized
-        self._redraws = redraw
+        self._redraws = params.additive_q > 0 if redraw is None else redraw
         self._state_angles = tuple(state_angles)
         self._observation_angles = tuple(observation_angles)
         self._x0 = _vector(x0, "x0", params.n)

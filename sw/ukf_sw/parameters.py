@@ -76,13 +76,13 @@ class UkfParams:
                 raise TypeError(f"{name} must be an int, not {value!r}")
             if value < smallest or (name != "pes" and value > MAX_SIZE):
                 raise ValueError(f"{name} must be between {smallest} and {MAX_SIZE}, not {value!r}")
-        for name, kind in (
-            ("process_noise", Noise), ("observation_noise", Noise), ("form", Form),
-            ("format", FloatFormat), ("W0", int | float),
+        for name, kind, wanted in (
+            ("process_noise", Noise, "Noise"), ("observation_noise", Noise, "Noise"),
+            ("form", Form, "Form"), ("format", FloatFormat, "FloatFormat"),
+            ("W0", (int, float), "number"),
         ):  # fmt: skip
             value = getattr(self, name)
             if not isinstance(value, kind) or isinstance(value, bool):
-                wanted = "number" if name == "W0" else kind.__name__
                 raise TypeError(f"{name} must be a {wanted}, not {value!r}")
         if not (isfinite(self.W0) and 0.0 <= self.W0 < 1.0):
             raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")

@@ -75,7 +75,7 @@ class Scenario:
     sampled: NDArray[np.bool_] | None = None
     observation_arguments: Sequence[Mapping[str, Any]] | None = None
     vectorized: bool = False
-    redraw: bool = False
+    redraw: bool | None = None
     state_angles: tuple[int, ...] = ()
     observation_angles: tuple[int, ...] = ()
 

@@ -197,16 +197,14 @@ def _execute(
                 else:
                     terms[lane] = 0.0
             total = _sum_lanes(terms, pes, parameters)
-            before = 0.0
-            if not words.first[at]:
-                before = float(adder_ring[(clock + array.accumulate) % _RING])
+            before = 0.0 if words.first[at] else adder_ring[(clock + array.accumulate) % _RING]
             due = clock + array.dot
             adder_ring[due % _RING] = add_scalar(total, before, parameters)
             conflict |= adder_due[due % _RING] == due
             adder_due[due % _RING] = due
         elif use_scalar or zero:
             due = clock + array.lanes
-            scalar = _flushed(scalars[words.scalar_address[at]], parameters)
+            scalar = _flushed(scalars[int(words.scalar_address[at])], parameters)
             for lane in range(pes):
                 word_0 = _flushed(memory[lane, address_0], parameters)
                 product = multiply_scalar(

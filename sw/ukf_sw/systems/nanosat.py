@@ -397,6 +397,7 @@ def _simulate(
     return Scenario(
         name=name,
         params=NANOSAT if augmented else NANOSAT_ADDITIVE,
+        redraw=False,  # the process noise of one step is far below the uncertainty it adds to
         f=process_model(dt),
         h=h,
         vectorized=True,
