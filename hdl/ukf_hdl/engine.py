@@ -129,9 +129,13 @@ class Engine(wiring.Component):
         return m
 
     def _delay(self, m, value, clocks, name):
-        """Give a value some clocks later."""
-        for _ in range(clocks):
-            register = Signal(value.shape(), name=name, reset_less=True)
+        """Give a value some clocks later.
+
+        The last register has a reset, which keeps it out of a shift register: those are slow to
+        leave.
+        """
+        for left in reversed(range(clocks)):
+            register = Signal(value.shape(), name=name, reset_less=left > 0)
             m.d.sync += register.eq(value)
             value = register
         return value
@@ -189,14 +193,7 @@ class Engine(wiring.Component):
         def term(source):
             lane = lanes[source.lane]
             value = lane.sum if source.is_sum else lane.product
-            if not source.wait:
-                return value
-            # The reset keeps the last register out of a shift register, which is slow to leave.
-            waiting = Signal(value.shape(), name=f"waiting_{source.lane}")
-            m.d.sync += waiting.eq(
-                self._delay(m, value, source.wait * add - 1, f"waits_{source.lane}")
-            )
-            return waiting
+            return self._delay(m, value, source.wait * add, f"waiting_{source.lane}")
 
         nodes, root = adder_tree(pes)
         for node in nodes:

@@ -1,5 +1,6 @@
 """The simulated core as the driver and the tests see it."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -174,6 +175,21 @@ class CoreBench:
             answers.append(Answer(int(answer.bresp) == AxiResp.OKAY, 0, self.clock))
         return answers
 
+    async def sleep(self, clocks: int) -> None:
+        """Let clocks pass."""
+        if clocks > 0:
+            await ClockCycles(self.dut.aclk, clocks)
+
+    def pause(self, requests: Sequence[bool], responses: Sequence[bool]) -> None:
+        """Pause the manager in a pattern that repeats: True is a clock without valid or ready."""
+        write, read = self.axi.write_if, self.axi.read_if
+        for channels, pattern in (
+            ((write.aw_channel, write.w_channel, read.ar_channel), requests),
+            ((write.b_channel, read.r_channel), responses),
+        ):
+            for channel in channels:
+                channel.set_pause_generator(itertools.cycle(pattern))
+
     async def wait_for_interrupt(self, timeout: float) -> bool:
         """Wait until the interrupt is high, so many seconds at most; tells whether it is."""
         if self.dut.irq.value == 1:
@@ -196,7 +212,12 @@ class CosimBus:
     def __init__(self, bench: CoreBench) -> None:
         self.bench = bench
         self.transfer = resume(bench.transfer)
+        self.sleep = resume(bench.sleep)
+        self.pause = resume(self._pause)
         self._wait = resume(bench.wait_for_interrupt)
+
+    async def _pause(self, requests: Sequence[bool], responses: Sequence[bool]) -> None:
+        self.bench.pause(requests, responses)
 
     def clock(self) -> float:
         """Simulated time, in seconds."""

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,17 +111,19 @@ class Context:
     bench: "CoreBench"
     folder: Path
 
+    @cached_property
     def lockstep(self) -> "LockstepBus":
-        """Make a bus with the simulated core and a golden model behind it."""
+        """A bus with the simulated core and a golden model behind it, the same at every call."""
         from ukf_sim.bus import CosimBus
         from ukf_sim.lockstep import LockstepBus
 
         return LockstepBus(CosimBus(self.bench), GoldenCore(self.job.params, self.job.pipeline))
 
-    def driver(self, bus: "LockstepBus") -> Driver:
+    def driver(self) -> Driver:
         """Make a driver on that bus, with a time-out that no step needs."""
         from ukf_sim.bus import CLOCK_HZ
 
+        bus = self.lockstep
         code = microcode(self.job.params, self.job.pipeline)
         longest = max(code.clocks(program) for program in Program)
         return Driver(

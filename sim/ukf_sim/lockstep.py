@@ -4,15 +4,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ukf_sim.bus import CosimBus
+from ukf_sim.bus import Answer, CosimBus, Request
 from ukf_sw.bus import Addresses, Words
+from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.memory_map import MemoryMap
-from ukf_sw.registers import REGISTERS, STATUS
+from ukf_sw.registers import CONTROL, REGISTERS, STATUS, Step
 
 __all__ = ["LockstepBus", "MismatchError"]
 
+_ENABLE = CONTROL["ENABLE"].mask
 _STATE = STATUS["STATE"].mask
 _NAMES = {register.offset: register.name for register in REGISTERS}
 
@@ -65,6 +67,7 @@ class LockstepBus:
         self.words_compared = 0
         golden.hold = True
         self._model = GoldenBus(golden)
+        self._code = golden.engine.microcode
         self._map = MemoryMap(golden.params)
         self._everything = {
             region.symbol: self._addresses(region.symbol) for region in self._map.regions
@@ -205,6 +208,81 @@ class LockstepBus:
         if found != self.golden.irq:
             raise MismatchError("irq", str(found), str(self.golden.irq))
         return found
+
+    def access(self, request: Request) -> Answer:
+        """Make any access, with any strobes; gives the core's answer.
+
+        Raises
+        ------
+        MismatchError
+            If the model answers something else.
+        """
+        (answer,) = self.device.transfer([request])
+        if request.data is None:
+            data, okay = self.golden.read(request.address)
+        else:
+            data, okay = 0, self.golden.write(request.address, request.data, request.strobe)
+        self.words_compared += 1
+        if (answer.okay, answer.data) != (okay, data):
+            raise MismatchError(
+                f"answer at {self.name(request.address)}",
+                f"{answer.data:#010x}, {'OKAY' if answer.okay else 'SLVERR'}",
+                f"{data:#010x}, {'OKAY' if okay else 'SLVERR'}",
+            )
+        return answer
+
+    def await_idle(self) -> None:
+        """Wait until the core runs no step, by polling, and let the model's step end."""
+        while self.device.read(STATUS.offset) & _STATE:
+            self.device.sleep(8)
+        self._catch_up()
+
+    def step_clocks(self, step: Step) -> int:
+        """Clocks that a step would take, as the model stands; 0 if it ends at once."""
+        golden = self.golden
+        match step:
+            case Step.SIG_GEN if golden.points:
+                return 0
+            case Step.SIG_GEN if golden.predicted:
+                program = Program.SIG_GEN_PREDICTED
+            case Step.COVARIANCE if golden.predicted:
+                program = Program.COVARIANCE_PREDICTED
+            case Step.UPDATE if not golden.residuals:
+                program = Program.UPDATE_REDRAWN
+            case _:
+                program = Program[step.name]
+        return self._code.clocks(program)
+
+    def abort(self, step: Step, clocks: int) -> int:
+        """Start a step, and write RESET some clocks later.
+
+        Parameters
+        ----------
+        step
+            Step to start.
+        clocks
+            How long to wait between the writes.
+
+        Returns
+        -------
+        int
+            Clocks from the start to the reset.
+        """
+        control = CONTROL.offset
+        start = self.access(Request(control, _ENABLE | CONTROL[step.name].mask))
+        self.device.sleep(clocks)
+        request = Request(control, _ENABLE | CONTROL["RESET"].mask)
+        (stop,) = self.device.transfer([request])
+        passed = stop.clock - start.clock
+        if self.golden.busy:
+            if passed > self.step_clocks(step):
+                self.golden.finish()
+            else:
+                # The word of the clock after the reset is the last one that is executed; the
+                # first one is two clocks after the start.
+                self.golden.advance(max(passed - 1, 0))
+        self.golden.write(control, request.data or 0)
+        return passed
 
     def verify(self, symbols: Iterable[str] | None = None) -> None:
         """Compare registers, and regions of the buffer, while no step runs.

@@ -40,7 +40,7 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
         each iteration; ``traffic`` in words and ``clocks`` of each iteration; ``seconds``.
     """
     scenario = problem.scenario(steps)
-    bus = context.lockstep()
+    bus = context.lockstep
     bench = context.bench
     x: list[np.ndarray] = []
     cycles: list[dict[str, int]] = []
@@ -51,7 +51,7 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
     }  # fmt: skip
     started = time.perf_counter()
     try:
-        driver = context.driver(bus)
+        driver = context.driver()
         try:
             ukf = scenario.filter(driver)
             result["first_cycles"] = dict(driver.last_cycles)
