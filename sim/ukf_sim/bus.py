@@ -104,6 +104,8 @@ class CoreBench:
         """Start the clock and bring the core out of reset."""
         dut.aresetn.value = 0
         Clock(dut.aclk, PERIOD_NS, unit="ns", impl="gpi").start()
+        await ClockCycles(dut.aclk, 2)
+        # The manager looks at the reset at once, so it must have a value by now.
         bench = cls(dut, word_clocks)
         await ClockCycles(dut.aclk, 4)
         dut.aresetn.value = 1

@@ -3,6 +3,7 @@
 import functools
 import inspect
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -286,7 +287,8 @@ def latency(core: Core, as_json: JsonOption = False) -> None:
     if as_json:
         _print_json(record | {"parameters": describe_params(core.params, core.pipeline)})
         return
-    table = Table(title=f"Cycles: {core.title}")
+    _results.print(f"[bold]{core.title}[/]", soft_wrap=True)
+    table = Table()
     table.add_column("step")
     table.add_column("cycles", justify="right")
     for name, cycles in record["steps"].items():
@@ -343,6 +345,8 @@ def cosim(
     not. Without a configuration, a random system of the given sizes is estimated.
     """
     with _checked():
+        if not math.isfinite(bus_latency):
+            raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
         problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
         scenario = problem.scenario(steps)
     from ukf_sim.cosimulation import Job, cosimulate
@@ -400,10 +404,11 @@ def _number(value: float | None) -> str:
 def _print_stop(record: dict[str, Any]) -> None:
     stopped = record["stopped"]
     if stopped is not None:
+        index = "" if stopped["index"] is None else f", index {stopped['index']}"
         _results.print(
             f"[bold yellow]Stopped[/] after {stopped['iteration']} iterations, in "
-            f"{stopped['step']}: {stopped['error']}, code {stopped['code']}, index "
-            f"{stopped['index']}. {stopped['message']}.",
+            f"{stopped['step']}: {stopped['error']}, code {stopped['code']}{index}. "
+            f"{stopped['message']}.",
             soft_wrap=True,
         )
         last = ", ".join(f"{value:.6g}" for value in record["last_estimate"] or [])
@@ -414,7 +419,9 @@ def _print_accuracy(judged: dict[str, Any]) -> None:
     if not judged:
         return
     reference = judged.get("reference")
-    table = Table(title=f"Errors over {judged['steps']} steps, after {judged['since']:g} s")
+    after = f", from {judged['since']:g} s on" if judged["since"] else ""
+    _results.print(f"Errors over {judged['steps']} steps{after}:")
+    table = Table()
     for heading in ("error", "rms", "largest", *(["rms of the reference"] if reference else [])):
         table.add_column(heading, justify="left" if heading == "error" else "right")
     for name, unit in judged["units"].items():
@@ -435,7 +442,8 @@ def _print_accuracy(judged: dict[str, Any]) -> None:
 
 def _print_cosim(record: dict[str, Any], title: str) -> None:
     cycles, bus = record["cycles"], record["bus"]
-    table = Table(title=f"Cycles: {title}")
+    _results.print(f"[bold]{title}[/]", soft_wrap=True)
+    table = Table()
     for heading in ("step", "core", "schedule"):
         table.add_column(heading, justify="left" if heading == "step" else "right")
     for name, predicted in cycles["predicted"].items():

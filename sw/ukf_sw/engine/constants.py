@@ -1,4 +1,9 @@
-"""Constants of the filter that the core keeps in memory: weights and sigma coefficients."""
+"""Constants of the filter that the core keeps in memory: weights and sigma coefficients.
+
+Residuals of sigma points are not multiplied by the square roots of their weights. All weights but
+that of point 0 are equal, W1, so the core works in units of sqrt(W1) instead: point 0's residual,
+and the columns of additive noise, are the only ones that need a factor.
+"""
 
 from math import sqrt
 
@@ -7,12 +12,17 @@ from numpy.typing import NDArray
 
 from ukf_sw.parameters import UkfParams
 
-__all__ = ["noise_coefficients", "state_coefficients", "weights"]
+__all__ = ["noise_coefficients", "state_coefficients", "unit", "weights"]
 
 
 def _W1(params: UkfParams) -> float:
     """Weight of every sigma point but point 0 (2018, equation 5)."""
     return (1.0 - params.W0) / (params.M + 1)
+
+
+def unit(params: UkfParams) -> float:
+    """Unit of residuals and of the working copy of the factor: the square root of W1."""
+    return sqrt(_W1(params))
 
 
 def weights(params: UkfParams) -> NDArray[np.float64]:
@@ -34,11 +44,13 @@ def _coefficients(params: UkfParams, j: int) -> NDArray[np.float64]:
 def state_coefficients(params: UkfParams) -> list[NDArray[np.float64]]:
     """Coefficients of the states, up to the last column that can differ from zero.
 
+    They are multiplied by the unit, for they meet the working copy of the factor.
+
     Returns
     -------
     list of n arrays of shape (n + 2,)
     """
-    return [_coefficients(params, j)[: params.n + 2] for j in range(1, params.n + 1)]
+    return [unit(params) * _coefficients(params, j)[: params.n + 2] for j in range(1, params.n + 1)]
 
 
 def noise_coefficients(params: UkfParams) -> list[NDArray[np.float64]]:

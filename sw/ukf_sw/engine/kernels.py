@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from ukf_sw.engine.layout import Vector, Word
 from ukf_sw.engine.operations import ProgramBuilder, Scalar
 
-__all__ = ["Row", "gram", "mean_residual", "multiply_add", "scale_residual", "sig_gen", "trisolve"]
+__all__ = ["Row", "gram", "mean_residual", "multiply_add", "sig_gen", "trisolve"]
 
 #: Pairs of first column and column after the last.
 Columns = Sequence[tuple[int, int]]
@@ -62,14 +62,15 @@ def mean_residual(
     points: Vector,
     residual: Vector,
     columns: Columns,
+    scaled: Columns,
     *,
     mean: tuple[Vector, int] | None = None,
     observation: int | None = None,
 ) -> None:
     """Mean of a row of sigma points, and the row less its mean (2018, equations 25 and 27).
 
-    The measurement, or zero, in the right-hand side column becomes the innovation, or minus the
-    mean. Additive noise columns are copied.
+    The residuals are in units of sqrt(W1). The measurement, or zero, in the right-hand side column
+    becomes the innovation, or minus the mean. Additive noise columns are copied, in that unit.
 
     Parameters
     ----------
@@ -77,6 +78,8 @@ def mean_residual(
         Row to read, row to write.
     columns
         Columns of the residual.
+    scaled
+        Columns that take a factor: sigma point 0, and additive noise that the row has.
     mean
         Where to store the mean.
     observation
@@ -95,18 +98,7 @@ def mean_residual(
     builder.axpy(
         residual, points, value, layout.ones, columns, subtract=True, observation=observation
     )
-
-
-def scale_residual(
-    builder: ProgramBuilder,
-    residual: Vector,
-    scale: Vector,
-    columns: Columns,
-    *,
-    observation: int | None = None,
-) -> None:
-    """Multiply a row of residuals by the square roots of the weights, in place."""
-    builder.multiply(residual, residual, scale, columns, observation=observation)
+    builder.multiply(residual, residual, layout.scale, scaled, observation=observation)
 
 
 def gram(
@@ -114,10 +106,10 @@ def gram(
     a: Row,
     b: Row,
     columns: Columns,
-    store: tuple[Vector, int],
-) -> None:
-    """One element of a covariance: the inner product of two rows of weighted residuals."""
-    builder.dot(inner(builder, a, b, columns), store=store)
+    store: tuple[Vector, int] | None = None,
+) -> Scalar:
+    """One element of a covariance, in units of W1: the inner product of two rows of residuals."""
+    return builder.dot(inner(builder, a, b, columns), store=store)
 
 
 def trisolve(
@@ -138,7 +130,7 @@ def trisolve(
 
         g = 1/sqrt(d) ;  q = g e_j ;  for i > j:  L_ij = t_i g ;  e_i = e_i - L_ij q
 
-    Of rows of weighted residuals (Gram-Schmidt, the square-root form), d and t_i are the inner
+    Of rows of residuals (Gram-Schmidt, the square-root form), d and t_i are the inner
     products e_j . e_j and e_i . e_j. Of rows of a symmetric matrix (L D L^T, the covariance form,
     2018, equations 20 to 24), they are the elements of row j, of which only the upper triangle is
     kept.
@@ -240,7 +232,7 @@ def sig_gen(
     Parameters
     ----------
     L
-        Factor, by (row, column), the diagonal included.
+        Factor in units of sqrt(W1), by (row, column), the diagonal included.
     state
         For each state a scalar and whether the state is its negative.
     """

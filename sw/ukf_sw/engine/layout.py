@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.engine.constants import noise_coefficients, state_coefficients, weights
+from ukf_sw.engine.constants import noise_coefficients, state_coefficients, unit, weights
 from ukf_sw.parameters import Form, UkfParams
 
 __all__ = ["BANK_FACTOR", "BANK_NONE", "BANK_STATE", "Layout", "Vector", "Word"]
@@ -122,9 +122,11 @@ class Layout:
         self.P = self._vectors("P", p.n, (0, p.n))
         self.LQ = self._vectors("LQ", p.augmented_q, (0, p.augmented_q))
         self.LR = self._vectors("LR", p.augmented_r, (0, p.augmented_r))
-        #: Weighted residuals of the prediction, which an update leaves as they are.
+        #: Working copy of the factor, in units of sqrt(W1).
+        self.F = self._vectors("F", p.n, (0, p.n))
+        #: Residuals of the prediction, which an update leaves as they are.
         self.Ex = self._vectors("Ex", p.n, full)
-        #: Weighted residuals of the observation.
+        #: Residuals of the observation.
         self.Ez = self._vectors("Ez", p.m, to_rhs)
         joint = (0, self.joint_rhs + 1)
         covariance = p.form is Form.COVARIANCE
@@ -137,12 +139,21 @@ class Layout:
         #: 1/sqrt of every pivot, the same in every lane.
         self.roots = self._vectors("root", p.m + p.n, (0, p.pes))
 
-        scale = np.sqrt(weights(p))
+        root = unit(p)
+        scale = np.full(self.columns, 1.0 / root)
+        scale[self.sigma : self.rhs + 1] = 1.0
+        scale[self.sigma] = np.sqrt(p.W0) / root
+        ones = np.zeros(self.columns)
+        ones[self.sigma : self.rhs + 1] = 1.0
         self.weights = self._constant("weights", points, weights(p))
-        self.ones = self._constant("ones", full, self._spread(1.0))
-        self.scale = self._constant("scale", points, scale)
-        self.scale_redrawn = self._constant("scale_redrawn", full, self._spread(scale))
-        self.unit = self._constant("unit", (0, p.pes), np.ones(p.pes))
+        self.ones = self._constant("ones", full, ones)
+        #: What turns residuals into units of sqrt(W1).
+        self.scale = self._constant("scale", full, scale)
+        self.one = self._broadcast("one", 1.0)
+        self.root_weight = self._broadcast("root_weight", root)
+        self.inverse_root_weight = self._broadcast("inverse_root_weight", 1.0 / root)
+        self.weight = self._broadcast("weight", root**2)
+        self.inverse_weight = self._broadcast("inverse_weight", root**-2)
         self.state_sigma = [
             self._constant(f"state_sigma[{j}]", (self.sigma, self.sigma + p.n + 2), row)
             for j, row in enumerate(state_coefficients(p))
@@ -152,13 +163,6 @@ class Layout:
             for j, row in enumerate(noise_coefficients(p))
         ]
         return self._next <= self.depth
-
-    def _spread(self, points: float | NDArray[np.float64]) -> NDArray[np.float64]:
-        """A row of all columns: values at the sigma points, 1 at the right-hand side, else 0."""
-        row = np.zeros(self.columns)
-        row[self.sigma : self.rhs] = points
-        row[self.rhs] = 1.0
-        return row
 
     def _vector(self, name: str, columns: tuple[int, int], bank: int = BANK_NONE) -> Vector:
         """Place a vector that has the columns from the first up to the last, exclusive."""
@@ -190,6 +194,10 @@ class Layout:
         row[start : start + len(values)] = values
         self._constants.append((vector, row))
         return vector
+
+    def _broadcast(self, name: str, value: float) -> Vector:
+        """Place a word that holds one number in every lane."""
+        return self._constant(name, (0, self.params.pes), np.full(self.params.pes, value))
 
     @property
     def bank_offset(self) -> int:

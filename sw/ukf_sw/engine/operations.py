@@ -149,12 +149,14 @@ class ProgramBuilder:
         b: Vector,
         columns: Iterable[tuple[int, int]],
         *,
+        broadcast: bool = False,
         observation: int | None = None,
     ) -> None:
-        """Destination = a * b, in the given columns."""
+        """Destination = a * b, in the given columns; `broadcast`: b is one word for all beats."""
         for beat, lanes in self.lanes_by_beat(columns).items():
+            factor = b.word(0 if broadcast else beat)
             self.multiply_beat(
-                destination.word(beat), a.word(beat), b.word(beat), lanes, observation=observation
+                destination.word(beat), a.word(beat), factor, lanes, observation=observation
             )
 
     def axpy_beat(
@@ -195,13 +197,18 @@ class ProgramBuilder:
             )  # fmt: skip
 
     def scale(
-        self, s: Scalar, b: Vector, *, subtract: bool = False,
+        self,
+        s: Scalar,
+        b: Vector,
+        *,
+        subtract: bool = False,
         store: tuple[Vector, int] | None = None,
-    ) -> Scalar:  # fmt: skip
+        is_nis: bool = False,
+    ) -> Scalar:
         """Give s * b or -s * b of a word that is the same in all lanes; `store`: element too."""
         return self._to_scalar(
             Kind.SCALE, (Beat(None, b.word(0), 1 << (self._pes - 1)),), scalar=s,
-            subtract=subtract, store=store,
+            subtract=subtract, store=store, is_nis=is_nis,
         )  # fmt: skip
 
     def load(self, a: Vector, column: int, *, store: tuple[Vector, int] | None = None) -> Scalar:
@@ -223,12 +230,11 @@ class ProgramBuilder:
         observation: int | None = None,
         pivot: int | None = None,
         root: Vector | None = None,
-        is_nis: bool = False,
     ) -> Scalar:
         """Give the sum over beats, each of two words and the lanes that count."""
         beats = tuple(Beat(a, b, lanes) for a, b, lanes in pairs)
         return self._to_scalar(
-            Kind.DOT, beats, store=store, observation=observation, pivot=pivot, is_nis=is_nis,
+            Kind.DOT, beats, store=store, observation=observation, pivot=pivot,
             root=root.word(0) if root else None,
         )  # fmt: skip
 

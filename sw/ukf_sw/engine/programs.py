@@ -9,7 +9,6 @@ from ukf_sw.engine.kernels import (
     gram,
     mean_residual,
     multiply_add,
-    scale_residual,
     sig_gen,
     trisolve,
 )
@@ -42,7 +41,13 @@ class _Columns:
         self.observation: Columns = [(0, layout.rhs + 1)]
         #: Its inner products.
         self.observation_dots: Columns = [(0, layout.rhs)]
+        #: Its columns that take a factor.
+        self.observation_scaled: Columns = [(0, layout.sigma + 1)]
         self.all: Columns = [(0, layout.columns)]
+        #: Additive q noise.
+        self.process_noise: Columns = [(layout.rhs + 1, layout.columns)]
+        #: Columns of state rows that take a factor.
+        self.state_scaled: Columns = [(layout.sigma, layout.sigma + 1), *self.process_noise]
         #: Inner products of state rows: all but the right-hand side.
         self.state_dots: Columns = [(0, layout.rhs), (layout.rhs + 1, layout.columns)]
 
@@ -52,10 +57,10 @@ def _no_factor(i: int, j: int) -> None:
 
 
 def _store_factor(layout: Layout, first: int) -> Callable[[int, int], tuple[Vector, int] | None]:
-    """Where L_ij goes, for state rows that begin at a row of the elimination."""
+    """Where L_ij goes in the working copy, for state rows that begin at a row."""
 
     def store(i: int, j: int) -> tuple[Vector, int] | None:
-        return (layout.L[i - first], j - first) if j >= first else None
+        return (layout.F[i - first], j - first) if j >= first else None
 
     return store
 
@@ -98,13 +103,20 @@ def _load_state(b: ProgramBuilder) -> list[tuple[Scalar, bool]]:
 
 
 def _sig_gen(b: ProgramBuilder) -> None:
+    layout = b.layout
     state = _load_state(b)
-    L = {
-        (i, j): b.load(b.layout.L[i], j)
-        for i in range(b.layout.params.n)
-        for j in range(i + 1)
-    }  # fmt: skip
-    sig_gen(b, L, state)
+    factor: dict[tuple[int, int], Scalar] = {}
+    for i, (stored, working) in enumerate(zip(layout.L, layout.F, strict=True)):
+        b.multiply(working, stored, layout.inverse_root_weight, [(0, i + 1)], broadcast=True)
+        for j in range(i + 1):
+            factor[i, j] = b.load(working, j)
+    sig_gen(b, factor, state)
+
+
+def _keep_factor(b: ProgramBuilder) -> None:
+    """From the working copy of the factor to the next one."""
+    for i, (stored, working) in enumerate(zip(b.layout.L, b.layout.F, strict=True)):
+        b.multiply(stored, working, b.layout.root_weight, [(0, i + 1)], broadcast=True)
 
 
 def _sig_gen_predicted(b: ProgramBuilder) -> None:
@@ -123,14 +135,14 @@ def _sig_gen_predicted(b: ProgramBuilder) -> None:
             gram_schmidt=False, factor=_store_factor(layout, p.m),
         )  # fmt: skip
         factor = {(i - p.m, j - p.m): value for (i, j), value in joint.items()}
+    _keep_factor(b)
     sig_gen(b, factor, state)
 
 
 def _predict(b: ProgramBuilder) -> None:
     layout, columns = b.layout, _Columns(b.layout)
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
-        mean_residual(b, points, residual, columns.all, mean=(layout.x, i))
-        scale_residual(b, residual, layout.scale, columns.sigma)
+        mean_residual(b, points, residual, columns.all, columns.state_scaled, mean=(layout.x, i))
     if layout.params.form is Form.COVARIANCE:
         _predicted_gram(b)
 
@@ -142,8 +154,9 @@ def _update_redrawn(b: ProgramBuilder) -> None:
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
         state = b.load(layout.x, i)
         b.axpy(points, None, state, layout.ones, rest)
-        b.axpy(residual, points, state, layout.ones, columns.all, subtract=True)
-        scale_residual(b, residual, layout.scale_redrawn, columns.all)
+        # Point 0 equals x, so its residual is zero without a factor.
+        b.axpy(residual, points, state, layout.ones, columns.observation, subtract=True)
+        b.axpy(residual, None, state, layout.ones, columns.process_noise)  # ones is zero there
     if p.form is Form.COVARIANCE:
         _predicted_gram(b)
 
@@ -173,8 +186,9 @@ def _update(b: ProgramBuilder) -> None:
     layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
     m, n = p.m, p.n
     for i, (points, residual) in enumerate(zip(layout.Z, layout.Ez, strict=True)):
-        mean_residual(b, points, residual, columns.observation, observation=i)
-        scale_residual(b, residual, layout.scale, columns.sigma, observation=i)
+        mean_residual(
+            b, points, residual, columns.observation, columns.observation_scaled, observation=i
+        )
 
     if p.form is Form.SQUARE_ROOT:
         rows = [Row(row, row) for row in layout.Ez] + [
@@ -201,15 +215,17 @@ def _update(b: ProgramBuilder) -> None:
     )
     # The right-hand sides are y in the observation rows and minus the new state in the others.
     beat, lane = divmod(rhs, p.pes)
-    b.dot([(row.word(beat), row.word(beat), 1 << lane) for row in rows[:m]], is_nis=True)
+    nis = b.dot([(row.word(beat), row.word(beat), 1 << lane) for row in rows[:m]])
+    b.scale(nis, layout.inverse_weight, is_nis=True)
     state: list[tuple[Scalar, bool]] = []
     for i in range(n):
         negative = b.load(rows[m + i].vector(beat), rhs)
-        b.scale(negative, layout.unit, subtract=True, store=(layout.x, i))
+        b.scale(negative, layout.one, subtract=True, store=(layout.x, i))
         state.append((negative, True))
     L = trisolve(
         b, rows, layout.roots, m, m + n, pivots=pivots, gram_schmidt=gram_schmidt, factor=store
     )
+    _keep_factor(b)
     sig_gen(b, {(i - m, j - m): value for (i, j), value in L.items()}, state)
 
 
@@ -229,7 +245,8 @@ def _covariance_predicted(b: ProgramBuilder) -> None:
     rows = [Row(vector, vector) for vector in layout.Ex]
     for i in range(n):
         for k in range(n):
-            gram(b, rows[i], rows[k], _Columns(layout).state_dots, (layout.P[i], k))
+            product = gram(b, rows[i], rows[k], _Columns(layout).state_dots)
+            b.scale(product, layout.weight, store=(layout.P[i], k))
 
 
 _BUILDERS = {

@@ -1,0 +1,51 @@
+# Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
+# environment in .venv, once. An own environment is used instead with `make VENV=path`.
+.DEFAULT_GOAL := help
+.PHONY: help demo install test test-fast test-slow cosim lint format clean
+
+PYTHON ?= python3
+VENV   ?= .venv
+JOBS   ?= 2
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+
+help: ## List the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
+
+# --group needs pip 25.1.
+$(STAMP): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 is needed")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	touch $@
+
+install: $(STAMP) ## Make the environment in .venv
+
+demo: $(STAMP) ## Generate the core with 2 PEs and co-simulate the nanosatellite
+	$(BIN)/ukf generate --config nanosat --pes 2 --output build/demo
+	$(BIN)/ukf cosim --config nanosat --pes 2 --steps 20 --polling --plot build/demo/attitude.png
+
+test: $(STAMP) ## Run all tests but the exhaustive ones
+	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+
+test-fast: $(STAMP) ## Run the tests that compile nothing
+	$(BIN)/python -m pytest -n $(JOBS) -m "not slow and not system"
+
+test-slow: $(STAMP) ## Run everything, the exhaustive tests included
+	$(BIN)/python -m pytest -n $(JOBS)
+
+cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
+	$(BIN)/ukf cosim $(or $(OPTIONS),--config nanosat --pes 2)
+
+lint: $(STAMP) ## Check style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+format: $(STAMP) ## Format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean: ## Remove everything generated
+	rm -rf build .pytest_cache .ruff_cache

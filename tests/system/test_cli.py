@@ -1,0 +1,271 @@
+"""The command line: what it prints, what it writes, what it refuses."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ukf_sim.cli import app
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import Program
+from ukf_sw.parameters import Form, Pipeline, UkfParams
+from ukf_sw.systems.nanosat import NANOSAT
+
+TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
+TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+
+
+@pytest.fixture
+def ukf(tmp_path, monkeypatch):
+    """Function that runs the command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    # Messages must come out in one piece, whatever the terminal.
+    monkeypatch.setenv("COLUMNS", "500")
+
+    def ukf(*arguments, code=0):
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+        if result.exit_code != code:
+            print(result.output)
+            if result.exception is not None and not isinstance(result.exception, SystemExit):
+                raise result.exception
+        assert result.exit_code == code
+        return result
+
+    return ukf
+
+
+def test_help_names_the_commands(ukf):
+    text = ukf("--help").stdout
+    for command in ("generate", "cosim", "run", "latency"):
+        assert command in text
+
+
+# Latency.
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_latency(ukf, form):
+    record = json.loads(
+        ukf("latency", "--config", "nanosat", "--pes", 10, "--form", form.value, "--json").stdout
+    )
+    params = UkfParams(n=7, m=6, q=7, r=6, pes=10, form=form)
+    code = microcode(params, Pipeline())
+    assert record["programs"] == {program.name: code.clocks(program) for program in Program}
+    # The points of the next iteration come from UPDATE.
+    assert record["steps"] == {
+        "SIG_GEN": 0, "PREDICT": code.clocks(Program.PREDICT), "UPDATE": code.clocks(Program.UPDATE)
+    }  # fmt: skip
+    assert record["total"] == sum(record["steps"].values())
+
+
+def test_latency_for_people(ukf):
+    text = ukf("latency", "--config", "nanosat").stdout
+    clocks = microcode(NANOSAT, Pipeline()).clocks(Program.UPDATE)
+    assert "UPDATE" in text
+    assert str(clocks) in text
+
+
+def test_latency_depends_on_the_pipeline(ukf):
+    stages = ("--multiply-stages", 5, "--add-stages", 6, "--reciprocal-sqrt-stages", 12)
+    record = json.loads(ukf("latency", *TINY, *stages, "--json").stdout)
+    pipeline = Pipeline(multiply=5, add=6, reciprocal_sqrt=12)
+    clocks = microcode(TINY_PARAMS, pipeline).clocks(Program.UPDATE)
+    assert record["steps"]["UPDATE"] == clocks
+    assert record["parameters"]["pipeline"] == {"multiply": 5, "add": 6, "reciprocal_sqrt": 12}
+
+
+@pytest.mark.parametrize("pes,limit", [(1, 6000), (2, 3200), (5, 1650), (10, 1200), (22, 1000)])
+def test_square_root_form_is_fast_enough(ukf, pes, limit):
+    options = ("--config", "nanosat", "--pes", pes, "--json")
+    assert json.loads(ukf("latency", *options).stdout)["total"] <= limit
+
+
+@pytest.mark.parametrize("pes,limit", [(1, 4200), (2, 2200), (5, 1200), (10, 900)])
+def test_covariance_form_is_fast_enough(ukf, pes, limit):
+    options = ("--config", "nanosat", "--pes", pes, "--form", "covariance", "--json")
+    assert json.loads(ukf("latency", *options).stdout)["total"] <= limit
+
+
+# Generate.
+
+
+def test_generate(ukf, tmp_path):
+    record = json.loads(ukf("generate", *TINY, "--output", "rtl", "--json").stdout)
+    assert sorted(record["files"]) == [f"rtl/ukf_core.{kind}" for kind in ("h", "json", "v")]
+    described = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
+    assert described["parameters"]["n"] == 2
+    assert "module ukf_core" in (tmp_path / "rtl" / "ukf_core.v").read_text()
+
+
+def test_generate_is_reproducible(ukf, tmp_path):
+    for folder in ("a", "b"):
+        ukf("generate", *TINY, "--format", "binary16", "--w0", "0.25", "--output", folder)
+    for file in (tmp_path / "a").iterdir():
+        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes()
+
+
+def test_generate_takes_every_option(ukf, tmp_path):
+    ukf(
+        "generate", "--n", 2, "--m", 3, "--q", 2, "--r", 3, "--process-noise", "additive",
+        "--observation-noise", "additive", "--w0", 0.5, "--pes", 3, "--form", "covariance",
+        "--format", "float6.17", "--multiply-stages", 1, "--add-stages", 2,
+        "--reciprocal-sqrt-stages", 3, "--output", "rtl",
+    )  # fmt: skip
+    described = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
+    assert described["parameters"] == {
+        "n": 2, "m": 3, "q": 2, "r": 3, "process_noise": "additive",
+        "observation_noise": "additive", "W0": 0.5, "form": "covariance",
+        "format": {"name": "float6.17", "exponent_bits": 6, "fraction_bits": 17}, "pes": 3,
+    }  # fmt: skip
+    assert described["pipeline"] == {"multiply": 1, "add": 2, "reciprocal_sqrt": 3}
+
+
+# Run.
+
+
+@pytest.mark.parametrize("backend", ["golden", "reference"])
+def test_run(ukf, tmp_path, backend):
+    record = json.loads(
+        ukf("run", "--config", "nanosat-2014", "--backend", backend, "--steps", 1200, "--json")
+        .stdout
+    )  # fmt: skip
+    assert record["steps"] == record["steps_requested"] == 1200
+    assert record["stopped"] is None
+    judged = record["accuracy"]
+    assert (judged["since"], judged["steps"]) == (1.0, 200)
+    assert judged["rms"]["attitude"] < 1.0
+    assert 0.0 <= judged["below_0.1_degrees"] <= 1.0
+    if backend == "golden":
+        assert judged["reference"]["rms_ratio"] == pytest.approx(1.0, abs=0.01)
+    assert (tmp_path / record["plot"]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_run_reports_where_the_core_stopped(ukf):
+    """Covariance form at P0 = I, in binary32: the first bad pivot, and no NaN."""
+    options = ("run", "--config", "nanosat-2014", "--form", "covariance", "--steps", 50)
+    record = json.loads(ukf(*options, "--json", code=1).stdout)
+    stopped = record["stopped"]
+    assert record["steps"] == stopped["iteration"] < 50
+    assert (stopped["error"], stopped["code"]) == ("NOT_POSITIVE_DEFINITE", 4)
+    assert 0 <= stopped["index"] < 7
+    assert np.isfinite(record["last_estimate"]).all()
+    text = ukf(*options, code=1).stdout
+    assert "NOT_POSITIVE_DEFINITE" in text
+    assert "Last good estimate" in text
+
+
+def test_run_takes_sizes(ukf):
+    record = json.loads(ukf("run", *TINY, "--steps", 40, "--seed", 5, "--json").stdout)
+    assert record["configuration"] is None
+    assert set(record["accuracy"]["rms"]) == {"x0", "x1"}
+
+
+def test_seed_changes_the_data(ukf):
+    runs = [
+        json.loads(ukf("run", *TINY, "--steps", 5, "--seed", seed, "--json").stdout)
+        for seed in (1, 2, 1)
+    ]
+    assert runs[0]["last_estimate"] == runs[2]["last_estimate"] != runs[1]["last_estimate"]
+
+
+# Co-simulation.
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("mode", ["interrupt", "polling"])
+def test_cosim(ukf, tmp_path, core_cache, mode):
+    options = (*TINY, "--steps", 4, f"--{mode}", "--cache", core_cache, "--plot", "errors.png")
+    record = json.loads(ukf("cosim", *options, "--json").stdout)
+    assert record["bit_exact"] is True
+    assert record["mismatch"] is None
+    assert record["words_compared"] > 0
+    assert record["mode"] == mode
+    assert record["steps"] == 4
+    code = microcode(TINY_PARAMS, Pipeline())
+    assert record["cycles"]["as_predicted"] is True
+    assert record["cycles"]["steps"] == record["cycles"]["predicted"]
+    assert record["cycles"]["steps"]["UPDATE"] == code.clocks(Program.UPDATE)
+    # n (n + 2) + n read, n N + m N + m written.
+    assert record["bus"]["words_per_iteration"] == 2 * 4 + 2 + 2 * 6 + 1 * 6 + 1
+    assert record["iterations_per_second"] > 0
+    assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.system
+def test_cosim_for_people(ukf, core_cache):
+    text = ukf("cosim", *TINY, "--steps", 2, "--cache", core_cache, "--plot", "errors.png").stdout
+    for words in ("Bit-exact", "Bus words per iteration: 29", "Plot: errors.png", "UPDATE"):
+        assert words in text
+
+
+@pytest.mark.system
+def test_cosim_on_icarus(ukf, core_cache, icarus):
+    options = (*TINY, "--steps", 1, "--simulator", icarus.value, "--cache", core_cache)
+    record = json.loads(ukf("cosim", *options, "--plot", "errors.png", "--json").stdout)
+    assert record["bit_exact"] is True
+    assert record["simulator"] == "icarus"
+
+
+def test_missing_simulator(ukf, tmp_path, monkeypatch):
+    # Verilator does the rest; only the search for programs is empty.
+    monkeypatch.setattr(shutil, "which", lambda *arguments, **options: None)
+    result = ukf("cosim", *TINY, "--simulator", "icarus", "--plot", "x.png", code=1)
+    assert "icarus is not installed" in result.stderr
+
+
+# Bad arguments.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("latency", "--config", "cubesat"), "--config must be one of nanosat, "),
+        (("latency",), "--config, or at least --n and --m, must be given"),
+        (("latency", "--n", 3), "--config, or at least --n and --m, must be given"),
+        (("latency", "--config", "nanosat", "--n", 3), "give it or them, not both"),
+        (("latency", "--config", "nanosat", "--process-noise", "additive"), "not both"),
+        (("latency", "--config", "nanosat", "--pes", 23), "pes must be between 1 and"),
+        (("latency", "--config", "nanosat", "--pes", 0), "pes must be between 1 and"),
+        (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),
+        (("latency", "--n", 2, "--m", 1, "--w0", 1.5), "W0 must be at least 0 and less than 1"),
+        (("latency", "--n", 2, "--m", 1, "--format", "fp32"), "--format must be one of binary16"),
+        (("latency", "--n", 2, "--m", 1, "--format", "float99.3"), "Exponent bits must be"),
+        (("latency", "--n", 2, "--m", 1, "--add-stages", 0), "add must be between 1 and 8"),
+        (("latency", "--n", 2, "--m", 1, "--form", "cubic"), "'--form'"),
+        (("latency", "--n", "two", "--m", 1), "'--n'"),
+        (("generate", "--n", 2, "--m", 1, "--q", 1, "--process-noise", "additive"), "q must be 0"),
+        (("run", "--config", "nanosat", "--steps", 100_001), "steps must be between 1 and 100000"),
+        (("run", "--config", "nanosat", "--steps", 0), "'--steps'"),
+        (("run", "--config", "nanosat", "--backend", "gpu"), "'--backend'"),
+        (("run", "--config", "nanosat", "--p0", -1), "P0 must be more than 0"),
+        (("run", "--n", 2, "--m", 1, "--p0", 0), "P0 must be more than 0"),
+        (("cosim", "--config", "nanosat", "--simulator", "spice"), "'--simulator'"),
+        (("cosim", "--config", "nanosat", "--bus-latency", -1), "'--bus-latency'"),
+        (("cosim", "--config", "nanosat", "--bus-latency", "nan"), "--bus-latency must be"),
+    ],
+)
+def test_bad_arguments(ukf, arguments, message):
+    result = ukf(*arguments, code=2)
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+
+
+def test_output_must_be_a_folder(ukf, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "--output must be a folder" in ukf(
+        "generate", *TINY, "--output", "file", code=2
+    ).stderr  # fmt: skip
+
+
+def test_command_is_installed():
+    """The package brings `ukf`, which starts without the HDL toolchain."""
+    program = (
+        "import sys; import ukf_sim.cli; sys.exit(any(m in sys.modules for m in "
+        "('amaranth', 'cocotb', 'matplotlib.pyplot')))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

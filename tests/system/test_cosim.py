@@ -1,0 +1,265 @@
+"""The Verilog of the core against the golden model, through the bus, bit for bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ukf_sim.configurations import Problem
+from ukf_sim.cosimulation import Job, cosimulate
+from ukf_sim.report import latency
+from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+
+pytestmark = pytest.mark.system
+
+ODD_FORMAT = FloatFormat(exponent_bits=6, fraction_bits=17)
+FORMATS = (BINARY32, BINARY64, BINARY16, BFLOAT16, ODD_FORMAT, BINARY32)
+
+#: Steps as `abort_steps` names them.
+DROPPED = [
+    f"{step}, dropped"
+    for step in (
+        "INIT", "SIG_GEN", "SIG_GEN of a prediction", "PREDICT", "UPDATE",
+        "UPDATE of a prediction", "COVARIANCE", "COVARIANCE of a prediction",
+    )
+]  # fmt: skip
+
+
+def run_problem(cache, params, *, configuration="nanosat", steps=3, P0=1.0, **options):
+    simulator = options.pop("simulator", Simulator.VERILATOR)
+    problem = Problem(configuration=configuration, params=params, P0=P0)
+    job = Job(
+        params=params,
+        task="ukf_sim.tasks:run_problem",
+        arguments={"problem": problem, "steps": steps},
+        **options,
+    )
+    return cosimulate(job, simulator, cache=cache)
+
+
+def check(result, params, steps, pipeline=None):
+    """Every word agreed, the run went through, and CYCLES read what the schedule says."""
+    assert result["mismatch"] is None
+    assert result["stopped"] is None
+    assert len(result["x"]) == steps
+    expected = latency(params, pipeline or Pipeline())
+    assert result["first_cycles"] == {"INIT": expected["programs"]["INIT"]}
+    first = {"SIG_GEN": expected["programs"]["SIG_GEN"]}
+    assert result["cycles"][0] == expected["steps"] | first
+    assert all(cycles == expected["steps"] for cycles in result["cycles"][1:])
+
+
+@pytest.mark.parametrize("interrupt", [True, False])
+@pytest.mark.parametrize(("form", "P0"), [(Form.SQUARE_ROOT, 1.0), (Form.COVARIANCE, 1e-4)])
+def test_nanosat(core_cache, form, P0, interrupt):
+    params = replace(NANOSAT, pes=2, form=form)
+    result = run_problem(core_cache, params, P0=P0, interrupt=interrupt).result
+    check(result, params, 3)
+    # What design and papers count: 63 + 7 words read, 154 + 132 + 6 written.
+    for traffic in result["traffic"]:
+        assert (traffic["words_read"], traffic["words_written"]) == (70, 292)
+    assert result["words_compared"] > 3 * (2 * 7 * 22 + 7 * 7)
+
+
+def test_covariance_form_stops_at_first_bad_pivot(core_cache):
+    """The papers' P0 is too much for a covariance in binary32: an error, and a good estimate."""
+    params = replace(NANOSAT, pes=2, form=Form.COVARIANCE)
+    result = run_problem(core_cache, params, steps=20).result
+    assert result["mismatch"] is None
+    assert result["stopped"]["error"] == "NOT_POSITIVE_DEFINITE"
+    assert result["stopped"]["code"] == 4
+    assert np.isfinite(result["last_x"]).all()
+    assert np.isfinite(result["x"]).all()
+
+
+def test_bus_latency(core_cache):
+    """The 2018 paper's bus: 15.6 clocks a word on average, whatever the core would allow."""
+    params = replace(NANOSAT, pes=2)
+    result = run_problem(core_cache, params, steps=2, word_clocks=15.6).result
+    check(result, params, 2)
+    for clocks in result["clocks"]:
+        assert clocks["bus"] / clocks["words"] == pytest.approx(15.6, abs=0.02)
+        assert clocks["iteration"] >= clocks["bus"] + result["cycles"][-1]["UPDATE"]
+
+
+def test_additive_noise(core_cache):
+    result = run_problem(
+        core_cache, replace(NANOSAT_ADDITIVE, pes=3), configuration="nanosat-additive", steps=2
+    ).result
+    check(result, replace(NANOSAT_ADDITIVE, pes=3), 2)
+    traffic = result["traffic"][-1]
+    assert traffic["words_read"] + traffic["words_written"] == 193
+
+
+def test_icarus(core_cache, icarus):
+    """A second opinion on the Verilog."""
+    params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+    result = run_problem(core_cache, params, configuration=None, steps=3, simulator=icarus).result
+    check(result, params, 3)
+
+
+def test_icarus_does_everything(core_cache, icarus):
+    params = UkfParams(n=1, m=1)
+    job = Job(
+        params=params, task="ukf_sim.exercises:everything", arguments={"seed": 1, "rounds": 12}
+    )
+    check_counts(cosimulate(job, icarus, cache=core_cache).result, params)
+
+
+def random_core(seed):
+    """Random parameters and pipeline. Form and format go round, so that six have all of them."""
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(1, 6)), int(rng.integers(1, 5))
+    noises = [Noise.AUGMENTED, Noise.ADDITIVE]
+    process, observation = noises[rng.integers(2)], noises[rng.integers(2)]
+    params = UkfParams(
+        n=n,
+        m=m,
+        q=int(rng.integers(0, 4)) if process is Noise.AUGMENTED else n,
+        r=int(rng.integers(0, 4)) if observation is Noise.AUGMENTED else m,
+        process_noise=process,
+        observation_noise=observation,
+        W0=float(rng.choice([0.0, 0.25, 0.6])),
+        form=(Form.SQUARE_ROOT, Form.COVARIANCE)[seed % 2],
+        format=FORMATS[seed // 2 % len(FORMATS)],
+    )
+    pipeline = Pipeline(
+        multiply=int(rng.integers(1, 6)),
+        add=int(rng.integers(1, 7)),
+        reciprocal_sqrt=int(rng.integers(1, 13)),
+    )
+    return replace(params, pes=int(rng.integers(1, min(params.columns, 8) + 1))), pipeline
+
+
+def check_counts(counts, params):
+    """The tasks did what they are there for."""
+    used, aborted = counts["use_filter"], counts["abort_steps"]
+    assert used["predict"] > 0
+    if not used["NotPositiveDefiniteError"]:
+        # In a coarse format most things may end with an error instead.
+        assert used["update"] > 0
+        assert used["redrawn update"] > 0
+        assert used["masked update"] > 0 or params.m == 1
+        assert used["covariance"] > 0
+        assert all(aborted[name] > 0 for name in DROPPED)
+    assert sum(aborted[name] > 0 for name in DROPPED) >= 4
+    poisoned = counts["poison_buffer"]
+    symbols = [
+        "X",
+        "x",
+        "L",
+        "z",
+        "Z",
+        *(["LQ"] if params.q else []),
+        *(["LR"] if params.r else []),
+    ]
+    for symbol in symbols:
+        for word in ("NaN", "NaN with payload", "infinity", "-infinity"):
+            assert poisoned[f"{symbol} {word}"] > 0, (symbol, word)
+    assert poisoned["code 2"] > 0
+    abused = counts["abuse_bus"]
+    for what in ("SLVERR", "partial strobe", "start while running", "running buffer read",
+                 "running buffer write", "anywhere read", "anywhere write"):  # fmt: skip
+        assert abused[what] > 0, what
+
+
+def do_everything(cache, seed, rounds):
+    params, pipeline = random_core(seed)
+    job = Job(
+        params=params,
+        pipeline=pipeline,
+        task="ukf_sim.exercises:everything",
+        arguments={"seed": seed, "rounds": rounds},
+        interrupt=bool(seed % 3),
+    )
+    check_counts(cosimulate(job, cache=cache).result, params)
+
+
+@pytest.mark.parametrize("seed", range(0, 12, 2))
+def test_random_core_square_root(core_cache, seed):
+    do_everything(core_cache, seed, rounds=24)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 9])
+def test_random_core_covariance(core_cache, seed):
+    do_everything(core_cache, seed, rounds=24)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 136))
+def test_random_cores(core_cache, seed):
+    do_everything(core_cache, seed, rounds=60)
+
+
+def test_second_run_does_not_compile(tmp_path):
+    params = UkfParams(n=1, m=1)
+    runs = [
+        run_problem(tmp_path, params, configuration=None, steps=2, simulator=Simulator.VERILATOR)
+        for _ in range(2)
+    ]
+    assert [run.build.compiled for run in runs] == [True, False]
+    assert runs[0].build.folder == runs[1].build.folder
+    np.testing.assert_array_equal(runs[0].result["x"], runs[1].result["x"])
+
+
+def test_pipeline_changes_cycles_only(core_cache):
+    params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+    deep = Pipeline(multiply=5, add=6, reciprocal_sqrt=12)
+    results = []
+    for pipeline in (Pipeline(), deep):
+        results.append(
+            run_problem(core_cache, params, configuration=None, pipeline=pipeline).result
+        )
+        check(results[-1], params, 3, pipeline)
+    np.testing.assert_array_equal(results[0]["x"], results[1]["x"])
+    assert latency(params, deep)["total"] > latency(params, Pipeline())["total"]
+
+
+def test_a_difference_is_found(core_cache):
+    """A wrong word in the model's memory is as good as one in the core's."""
+    params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+    job = Job(params=params, task="ukf_sim.exercises:sabotage", arguments={})
+    with pytest.raises(SimulatorError, match=r"MismatchError: .* of the core is .* golden model"):
+        cosimulate(job, cache=core_cache)
+
+
+def test_wrong_verilog_is_reported(tmp_path):
+    from ukf_sim.simulators import build
+
+    source = tmp_path / "broken.v"
+    source.write_text("module broken(; endmodule\n", encoding="utf-8")
+    with pytest.raises(SimulatorError, match="failed to compile"):
+        build(source, "broken", Simulator.VERILATOR, tmp_path / "cache")
+
+
+def test_module_without_tests_is_reported(core_cache, tmp_path):
+    from ukf_hdl.generate import NAME, generate
+    from ukf_sim.simulators import build, simulate
+
+    generate(UkfParams(n=1, m=1), None, tmp_path)
+    compiled = build(tmp_path / f"{NAME}.v", NAME, Simulator.VERILATOR, core_cache)
+    with pytest.raises(SimulatorError, match=r"cocotb|[Nn]o test"):
+        simulate(compiled, "ukf_sim.report", tmp_path / "run")
+
+
+def test_missing_simulator_is_reported(monkeypatch, tmp_path):
+    from ukf_sim.simulators import build
+
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SimulatorError, match="icarus is not installed"):
+        build(tmp_path / "x.v", "x", Simulator.ICARUS, tmp_path)
+
+
+def test_overhead_of_steps_is_the_same_for_all():
+    """CYCLES counts a few clocks more than there are words, whatever the program."""
+    code = microcode(NANOSAT, Pipeline())
+    extra = {
+        code.clocks(program) - code.programs[program].plan.length
+        for program in code.programs
+        if program.name != "UPDATE_REDRAWN"
+    }
+    assert len(extra) == 1
