@@ -1,9 +1,8 @@
 """Floating-point adder."""
 
 from amaranth import Cat, Const, Module, Mux, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.float_unit import FloatUnit
 from ukf_hdl.leading_zeros import (
     leading_units_digit,
     normalisation_digits,
@@ -11,15 +10,12 @@ from ukf_hdl.leading_zeros import (
     shift_left_digit,
 )
 from ukf_hdl.pipelining import CutPoints
-from ukf_sw.float_format import FloatFormat
 from ukf_sw.parameters import Pipeline
 
 __all__ = ["FloatAdder"]
 
 # Where registers stand, for each number of stages.
 _CUTS = {
-    1: (),
-    2: ("aligned",),
     3: ("aligned", "leading_zeros"),
     4: ("aligned", "summed", "normalised"),
     5: ("aligned", "summed", "leading_zeros", "normalised"),
@@ -30,10 +26,9 @@ _TWO_PATH_CUTS = {
     2: ("aligned",),
 }
 _MAX_TWO_PATH_STAGES = max(_TWO_PATH_CUTS)
-_MAX_STAGES = 16
 
 
-class FloatAdder(wiring.Component):
+class FloatAdder(FloatUnit):
     """Floating-point adder, one sum per clock.
 
     Gives the sum of :py:`a` and :py:`b`, rounded to nearest with ties to even, on :py:`sum`,
@@ -65,40 +60,12 @@ class FloatAdder(wiring.Component):
     ----------
     DEFAULT_STAGES : :class:`int`
         Fewest stages that support 100 MHz on a 7-series FPGA in the binary32 format.
-
-    Raises
-    ------
-    TypeError
-        If :py:`fmt` is not a :class:`FloatFormat`.
-    ValueError
-        If :py:`stages` is not an integer in range.
     """
 
     DEFAULT_STAGES = Pipeline.add
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
-        if not isinstance(fmt, FloatFormat):
-            raise TypeError(f"Format must be a FloatFormat, not {fmt!r}")
-        if stages not in range(1, _MAX_STAGES + 1):
-            raise ValueError(f"Stages must be between 1 and {_MAX_STAGES}, not {stages!r}")
-        self._fmt = fmt
-        self._stages = stages
-
-        super().__init__({
-            "a": In(fmt.width),
-            "b": In(fmt.width),
-            "sum": Out(fmt.width),
-        })  # fmt: skip
-
-    @property
-    def fmt(self):
-        """Format given to the constructor."""
-        return self._fmt
-
-    @property
-    def stages(self):
-        """Latency given to the constructor."""
-        return self._stages
+        super().__init__(fmt, stages, operands=("a", "b"), result="sum")
 
     def elaborate(self, platform):
         m = Module()

@@ -1,11 +1,9 @@
 """Floating-point multiplier."""
 
 from amaranth import Cat, Const, Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.float_unit import FloatUnit
 from ukf_hdl.pipelining import CutPoints
-from ukf_sw.float_format import FloatFormat
 from ukf_sw.parameters import Pipeline
 
 __all__ = ["FloatMultiplier"]
@@ -18,7 +16,6 @@ _CUTS = {
     4: ("input", "partial", "product"),
     5: ("input", "partial", "product", "normalised"),
 }
-_MAX_STAGES = 16
 
 # Widest unsigned factor on the narrower side of a DSP48E1; the product of the low half is shifted
 # by as many bits for the cascade to the next one.
@@ -26,7 +23,7 @@ _PIECE_BITS = 17
 _WIDE_BITS = 24
 
 
-class FloatMultiplier(wiring.Component):
+class FloatMultiplier(FloatUnit):
     """Floating-point multiplier, one product per clock.
 
     Gives the product of :py:`a` and :py:`b`, rounded to nearest with ties to even, on
@@ -59,40 +56,12 @@ class FloatMultiplier(wiring.Component):
     ----------
     DEFAULT_STAGES : :class:`int`
         Fewest stages that support 100 MHz on a 7-series FPGA in the binary32 format.
-
-    Raises
-    ------
-    TypeError
-        If :py:`fmt` is not a :class:`FloatFormat`.
-    ValueError
-        If :py:`stages` is not an integer in range.
     """
 
     DEFAULT_STAGES = Pipeline.multiply
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
-        if not isinstance(fmt, FloatFormat):
-            raise TypeError(f"Format must be a FloatFormat, not {fmt!r}")
-        if stages not in range(1, _MAX_STAGES + 1):
-            raise ValueError(f"Stages must be between 1 and {_MAX_STAGES}, not {stages!r}")
-        self._fmt = fmt
-        self._stages = stages
-
-        super().__init__({
-            "a": In(fmt.width),
-            "b": In(fmt.width),
-            "product": Out(fmt.width),
-        })  # fmt: skip
-
-    @property
-    def fmt(self):
-        """Format given to the constructor."""
-        return self._fmt
-
-    @property
-    def stages(self):
-        """Latency given to the constructor."""
-        return self._stages
+        super().__init__(fmt, stages, operands=("a", "b"), result="product")
 
     def elaborate(self, platform):
         m = Module()

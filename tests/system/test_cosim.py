@@ -38,7 +38,7 @@ def run_problem(cache, params, *, configuration="nanosat", steps=3, P0=1.0, **op
         arguments={"problem": problem, "steps": steps},
         **options,
     )
-    return cosimulate(job, simulator, cache=cache)
+    return cosimulate(job, simulator, cache=cache, optimise=False)
 
 
 def check(result, params, steps, pipeline=None):
@@ -132,7 +132,8 @@ def random_core(seed):
         add=int(rng.integers(1, 7)),
         reciprocal_sqrt=int(rng.integers(1, 13)),
     )
-    return replace(params, pes=int(rng.integers(1, min(params.columns, 8) + 1))), pipeline
+    most = min(params.columns, 8 if params.format.width <= 32 else 4)
+    return replace(params, pes=int(rng.integers(1, most + 1))), pipeline
 
 
 def check_counts(counts, params):
@@ -149,14 +150,8 @@ def check_counts(counts, params):
     assert sum(aborted[name] > 0 for name in DROPPED) >= 4
     poisoned = counts["poison_buffer"]
     symbols = [
-        "X",
-        "x",
-        "L",
-        "z",
-        "Z",
-        *(["LQ"] if params.q else []),
-        *(["LR"] if params.r else []),
-    ]
+        "X", "x", "L", "z", "Z", *(["LQ"] if params.q else []), *(["LR"] if params.r else []),
+    ]  # fmt: skip
     for symbol in symbols:
         for word in ("NaN", "NaN with payload", "infinity", "-infinity"):
             assert poisoned[f"{symbol} {word}"] > 0, (symbol, word)
@@ -176,16 +171,12 @@ def do_everything(cache, seed, rounds):
         arguments={"seed": seed, "rounds": rounds},
         interrupt=bool(seed % 3),
     )
-    check_counts(cosimulate(job, cache=cache).result, params)
+    check_counts(cosimulate(job, cache=cache, optimise=False).result, params)
 
 
-@pytest.mark.parametrize("seed", range(0, 12, 2))
-def test_random_core_square_root(core_cache, seed):
-    do_everything(core_cache, seed, rounds=24)
-
-
-@pytest.mark.parametrize("seed", [1, 3, 9])
-def test_random_core_covariance(core_cache, seed):
+# Both forms, and each format once or twice.
+@pytest.mark.parametrize("seed", [0, 3, 4, 7, 8, 11])
+def test_random_core(core_cache, seed):
     do_everything(core_cache, seed, rounds=24)
 
 
@@ -224,7 +215,7 @@ def test_a_difference_is_found(core_cache):
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
     job = Job(params=params, task="ukf_sim.exercises:sabotage", arguments={})
     with pytest.raises(SimulatorError, match=r"MismatchError: .* of the core is .* golden model"):
-        cosimulate(job, cache=core_cache)
+        cosimulate(job, cache=core_cache, optimise=False)
 
 
 def test_wrong_verilog_is_reported(tmp_path):
