@@ -3,6 +3,7 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import asdict
 
 import pytest
 
@@ -145,7 +146,7 @@ def test_description_is_that_of_the_hardware(params, tmp_path):
     assert record["parameters"]["n"] == params.n
     assert record["parameters"]["W0"] == params.W0
     assert record["parameters"]["format"]["name"] == params.format.name
-    assert record["pipeline"] == {"multiply": 3, "add": 4, "reciprocal_sqrt": 9}
+    assert record["pipeline"] == asdict(Pipeline())
 
 
 def test_a_register_map_that_resolves_otherwise_is_refused():
