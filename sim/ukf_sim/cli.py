@@ -432,7 +432,10 @@ def _print_accuracy(judged: dict[str, Any]) -> None:
         table.add_row(*row)
     _results.print(table)
     if "below_0.1_degrees" in judged:
-        _results.print(f"Attitude below 0.1 degrees: {judged['below_0.1_degrees']:.2%} of steps")
+        also = f", reference {reference['below_0.1_degrees']:.2%}" if reference else ""
+        _results.print(
+            f"Attitude below 0.1 degrees: {judged['below_0.1_degrees']:.2%} of steps{also}"
+        )
     if reference:
         _results.print(
             f"Ratio of rms to the reference: {_number(reference['rms_ratio'])}; largest "

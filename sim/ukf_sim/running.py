@@ -203,4 +203,6 @@ def accuracy(scenario: Scenario, x: Array, reference: Array | None = None) -> di
             "rms_ratio": float(rms[0] / other_rms[0]) if other_rms[0] > 0.0 else None,
             "largest_difference_of_x": float(difference.max()),
         }
+        if scenario.error_units[0] == "degrees":
+            result["reference"]["below_0.1_degrees"] = float(np.mean(other[:, 0] < LIMIT))
     return result
