@@ -35,7 +35,7 @@ def pack(values: Array) -> tuple[NDArray[np.int16], float]:
 def unpack(differences: NDArray[np.int16], scale: float) -> Array:
     """Give back the series that was packed, shape (K, columns)."""
     counts = np.cumsum(differences, axis=1, dtype=np.int16)
-    return np.ascontiguousarray(counts.T * scale)
+    return np.ascontiguousarray(counts.T, dtype=np.float64) * scale
 
 
 def _read_archive(name: str, wanted: tuple[str, ...]) -> dict[str, NDArray[np.generic]]:
