@@ -297,5 +297,27 @@ def convert(
     _results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
 
 
+@apps_app.command("numerics")
+def numerics(
+    document: Annotated[
+        Path, typer.Option("--document", help="Document whose tables to replace.")
+    ] = Path("docs/numerics.md"),
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps of each run.")] = 2000,
+) -> None:
+    """Measure formats, forms and W0 on the applications; write the tables of docs/numerics.md."""
+    from ukf_sim.apps.numerics import tables, update_document
+
+    if not document.is_file():
+        _fail(f"--document must be a file, not {str(document)!r}")
+    with _messages.status("Measuring") as status:
+        made = tables(steps=steps, progress=status.update)
+    try:
+        update_document(document, made)
+    except ValueError as error:
+        _fail(str(error), 1)
+    for table in made.values():
+        _results.print(table, highlight=False, soft_wrap=True, markup=False)
+
+
 if __name__ == "__main__":
     apps_app()
