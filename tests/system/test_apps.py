@@ -147,6 +147,12 @@ def test_verilog_runs_every_application(apps, name):
     assert json.loads(apps("run", name, "--backend", "cosim", "--json").stdout)["okay"]
 
 
+@pytest.mark.parametrize("name", list(catalogue.CATALOGUE))
+def test_co_simulations_have_updates(name):
+    scenario = catalogue.CATALOGUE[name].scenario(0, runner.COSIM_STEPS)
+    assert scenario.sampled is None or scenario.sampled.any()
+
+
 # Conversion.
 
 

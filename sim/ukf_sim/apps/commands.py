@@ -227,7 +227,10 @@ def run_all(
                     )  # fmt: skip
             except SimulatorError as error:
                 _fail(str(error), 1)
-            _messages.print(f"{name}: {records[-1]['seconds']:.0f} s", highlight=False)
+            own = [record for record in records if record["name"] == name]
+            word = "okay" if all(record["okay"] for record in own) else "[bold red]wrong[/]"
+            seconds = sum(record["seconds"] for record in own)
+            _messages.print(f"{name}: {word}, {seconds:.0f} s", highlight=False)
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(records, indent=2) + "\n"
     (output / "errors.json").write_text(text, encoding="utf-8")

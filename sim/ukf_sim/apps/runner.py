@@ -25,8 +25,8 @@ __all__ = ["BACKENDS", "CatalogueProblem", "cosimulate_entry", "find", "run_entr
 
 #: What can compute an entry.
 BACKENDS = ("reference", "golden", "cosim")
-#: Steps of a co-simulation unless told otherwise.
-COSIM_STEPS = 10
+#: Steps of a co-simulation unless told otherwise; slow sensors have a sample by then.
+COSIM_STEPS = 30
 
 Progress = Callable[[str, int, int], None]
 
