@@ -305,7 +305,7 @@ def numerics(
     document: Annotated[
         Path, typer.Option("--document", help="Document whose tables to replace.")
     ] = Path("docs/numerics.md"),
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps of each run.")] = 2000,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps of each run.")] = 1200,
 ) -> None:
     """Measure formats, forms and W0 on the applications; write the tables of docs/numerics.md."""
     from ukf_sim.apps.numerics import tables, update_document

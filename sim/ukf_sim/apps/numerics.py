@@ -23,7 +23,7 @@ NAMES = (
 FORMAT_NAMES = ("binary16", "bfloat16", "binary32", "binary64")
 WEIGHTS = (0.0, 0.5, 0.9, 0.99)
 #: Steps of each run.
-STEPS = 2000
+STEPS = 1200
 
 BEGIN, END = "<!-- BEGIN {} -->", "<!-- END {} -->"
 
