@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.progress import TimeElapsedColumn as Elapsed
 from rich.table import Table
 
+from ukf_sim.apps.commands import apps_app
 from ukf_sim.configurations import CONFIGURATIONS, Problem
 from ukf_sw.float_format import FORMATS, FloatFormat
 from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
@@ -33,6 +34,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
+app.add_typer(apps_app)
 
 #: Progress and messages; standard output is for results.
 _messages = Console(stderr=True)

@@ -50,6 +50,8 @@ class Scenario:
         predict only.
     observation_arguments
         Keyword arguments of h, K of them; None is none.
+    judged
+        Steps whose errors count, shape (K,); None is all. Records have steps without truth.
 
     Raises
     ------
@@ -78,9 +80,12 @@ class Scenario:
     redraw: bool | None = None
     state_angles: tuple[int, ...] = ()
     observation_angles: tuple[int, ...] = ()
+    judged: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("measurements", "truth", "inputs", "sampled", "observation_arguments"):
+        for name in (
+            "measurements", "truth", "inputs", "sampled", "observation_arguments", "judged",
+        ):  # fmt: skip
             data = getattr(self, name)
             if data is not None and len(data) != self.steps:
                 raise ValueError(f"{name} must have {self.steps} steps, not {len(data)!r}")
@@ -142,7 +147,7 @@ class Results:
     gated: NDArray[np.bool_] = field(repr=False)
 
     def rms(self, after: float = -np.inf) -> Array:
-        """Root mean square of each error over the steps later than a time, shape (e,).
+        """Root mean square of each error over the judged steps later than a time, shape (e,).
 
         Raises
         ------
@@ -152,7 +157,7 @@ class Results:
         return np.sqrt(np.mean(self.errors[self._settled(after)] ** 2, axis=0))
 
     def maximum(self, after: float = -np.inf) -> Array:
-        """Largest magnitude of each error over the steps later than a time, shape (e,).
+        """Largest magnitude of each error over the judged steps later than a time, shape (e,).
 
         Raises
         ------
@@ -163,6 +168,10 @@ class Results:
 
     def _settled(self, after: float) -> NDArray[np.bool_]:
         chosen = self.times > after
+        if chosen.any() and self.scenario.judged is not None:
+            chosen &= self.scenario.judged[: len(chosen)]
+            if not chosen.any():
+                raise ValueError(f"after must leave a step that is judged, not {after!r}")
         if not chosen.any():
             raise ValueError(f"after must be less than {float(self.times[-1])} s, not {after!r}")
         return chosen

@@ -17,8 +17,9 @@ Where the papers are ambiguous or wrong, this follows the readings that reproduc
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, radians
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +40,7 @@ __all__ = [
     "multiply",
     "nanosat",
     "nanosat_2014",
+    "nanosat_2014_rates",
     "observation_model",
     "process_model",
     "quaternion_of_matrix",
@@ -471,3 +473,60 @@ def nanosat_2014(
         "nanosat-2014", settings, _oscillation,
         seed=seed, P0=P0, noise=noise, physical=physical, steps=steps,
     )  # fmt: skip
+
+
+#: Mean interval of the vector sensors when they are slower than the gyroscope, in samples of it.
+EVERY = 10
+
+
+def nanosat_2014_rates(
+    seed: int = 0,
+    *,
+    gaps: Literal["regular", "random"] = "regular",
+    P0: float = 1.0,
+    noise: Noise = Noise.AUGMENTED,
+    steps: int | None = None,
+    settings: NanosatSettings = NANOSAT_2014,
+) -> Scenario:
+    """Scenario of the 2014 paper with predict and update at rates of their own.
+
+    The gyroscope is sampled at 1 kHz, so there are 1000 predicts a second; the vector sensors at
+    100 Hz.
+
+    Parameters
+    ----------
+    seed, P0, noise, steps, settings
+        As for :func:`nanosat`.
+    gaps
+        "regular": every tenth sample of the gyroscope has both vector sensors. "random": each
+        vector sensor by itself has gaps of 1 to 19 samples, all equally likely, so most updates
+        are of one sensor and mask the other.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    """
+    if gaps not in ("regular", "random"):
+        raise ValueError(f"gaps must be 'regular' or 'random', not {gaps!r}")
+    made = nanosat_2014(seed, P0=P0, noise=noise, steps=steps, settings=settings)
+    sampled = np.zeros((made.steps, 6), dtype=np.bool_)
+    if gaps == "regular":
+        sampled[EVERY - 1 :: EVERY] = True
+    else:
+        whole = round(settings.duration / settings.dt)
+        # Drawn for the whole duration, so that fewer steps are a beginning of more.
+        drawn = np.random.default_rng((seed, 1)).integers(1, 2 * EVERY, size=(whole, 2))
+        at = np.cumsum(drawn, axis=0) - 1
+        for sensor, rows in enumerate((slice(0, 3), slice(3, 6))):
+            sampled[at[at[:, sensor] < made.steps, sensor], rows] = True
+    return replace(
+        made,
+        name=f"nanosat-2014-{gaps}",
+        sampled=sampled,
+        measurements=np.where(sampled, made.measurements, np.nan),
+    )

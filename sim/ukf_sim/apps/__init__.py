@@ -1,0 +1,1 @@
+"""Applications: running the catalogue, judging it, and drawing figures."""

@@ -1,0 +1,326 @@
+"""Command line of the applications: ``ukf apps``."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
+from rich.table import Table
+
+# What takes long to import is imported by the commands that need it.
+
+__all__ = ["apps_app"]
+
+apps_app = typer.Typer(
+    name="apps",
+    help="Systems that come with the package: from the papers, textbooks, and recorded data.",
+    no_args_is_help=True,
+)
+
+#: Progress and messages; standard output is for results.
+_messages = Console(stderr=True)
+_results = Console()
+
+
+class AppBackend(StrEnum):
+    """What computes an entry."""
+
+    REFERENCE = "reference"
+    GOLDEN = "golden"
+    COSIM = "cosim"
+
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")
+]
+BackendOption = Annotated[
+    AppBackend,
+    typer.Option(
+        "--backend",
+        help="float64 reference, golden model, or Verilog in lockstep with the golden model.",
+    ),
+]
+OutputOption = Annotated[
+    Path, typer.Option("--output", help="Folder for figures and tables.")
+]  # fmt: skip
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the data.")]
+FOLDER = Path("build/apps")
+
+
+def _fail(message: str, code: int = 2) -> NoReturn:
+    """Print a message and exit."""
+    _messages.print(f"[bold red]Error:[/] {message}", highlight=False, soft_wrap=True)
+    raise typer.Exit(code)
+
+
+def _print_json(record: Any) -> None:
+    sys.stdout.write(json.dumps(record, indent=2) + "\n")
+
+
+@contextmanager
+def _progress() -> Iterator[Any]:
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+    )  # fmt: skip
+    with Bars(*columns, console=_messages, transient=True) as bars:
+        bar = bars.add_task("Starting", total=None)
+
+        def tell(what: str, done: int, total: int) -> None:
+            bars.update(bar, description=what, completed=done, total=total)
+
+        yield tell
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"
+
+
+def _name_of(error: str, unit: str) -> str:
+    return f"{error} / {unit}" if unit else error
+
+
+def _errors_table(record: dict[str, Any]) -> Table:
+    """Make the table of one run."""
+    since = "" if record["settled"] is None else f", after {record['settled']:g} s"
+    runs = "" if record["runs"] == 1 else f", {record['runs']} runs"
+    table = Table(
+        title=f"{record['name']}, {record['backend']}: {record['steps']} steps{runs}{since}"
+    )
+    columns = ("error", "rms", "largest", "rms of float64", "published or independent", "bound")
+    for heading in columns:
+        table.add_column(heading, justify="left" if heading == "error" else "right")
+    verdicts = {(v["error"], v["measure"]): v for v in record["verdicts"]}
+    for row in record["errors"]:
+        verdict = verdicts.get((row["error"], "rms")) or verdicts.get((row["error"], "maximum"))
+        reference, bound = "-", "-"
+        if verdict is not None:
+            kind = "" if verdict["measure"] == "rms" else "largest "
+            colour = "green" if verdict["okay"] else "bold red"
+            reference = kind + _number(verdict["reference"])
+            limits = f"{_number(verdict['low'])} to {_number(verdict['high'])}"
+            bound = f"[{colour}]{kind}{limits}[/]"
+        table.add_row(
+            _name_of(row["error"], row["unit"]), _number(row["rms"]), _number(row["maximum"]),
+            _number(row["float64_rms"]), reference, bound,
+        )  # fmt: skip
+    return table
+
+
+def _print_record(record: dict[str, Any]) -> None:
+    if record["errors"]:
+        _results.print(_errors_table(record))
+    if record["stopped"] is not None:
+        _results.print(f"[bold red]Stopped:[/] {record['stopped']}", soft_wrap=True)
+    if record["backend"] == "cosim":
+        if record["mismatch"] is None:
+            _results.print(
+                f"[bold green]Bit-exact[/]: {record['words_compared']} words equal the golden "
+                "model's"
+            )
+        else:
+            _results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
+    elif not record["judged"]:
+        _results.print("Not judged: bounds are those of whole runs.")
+    if record["plot"]:
+        _results.print(f"Plot: {record['plot']}", soft_wrap=True)
+
+
+@apps_app.command("list")
+def list_entries(as_json: JsonOption = False) -> None:
+    """List the catalogue."""
+    from ukf_sw.catalogue import CATALOGUE
+
+    rows: list[dict[str, Any]] = []
+    for entry in CATALOGUE.values():
+        p = entry.scenario(0, 1).params
+        rows.append(
+            {"name": entry.name, "doc": entry.doc, "source": entry.source,
+             "n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": p.N}
+        )  # fmt: skip
+    if as_json:
+        _print_json(rows)
+        return
+    table = Table(title="Applications")
+    for heading in ("name", "n q r m", "what", "source"):
+        table.add_column(heading)
+    for row in rows:
+        sizes = f"{row['n']} {row['q']} {row['r']} {row['m']}"
+        table.add_row(row["name"], sizes, row["doc"], row["source"])
+    _results.print(table)
+
+
+@apps_app.command("run")
+def run_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Entry, as `ukf apps list` says.")],
+    backend: BackendOption = AppBackend.GOLDEN,
+    steps: Annotated[
+        int | None,
+        typer.Option("--steps", min=1, help="Steps; all by default, a few for a co-simulation."),
+    ] = None,
+    seed: SeedOption = 0,
+    output: OutputOption = FOLDER,
+    as_json: JsonOption = False,
+) -> None:
+    """Run an entry, compare its errors with the reference values, and draw them.
+
+    The exit code is 1 if an error is outside of its bound, if the core stopped, or if the Verilog
+    differs from the golden model.
+    """
+    from ukf_sim.apps.runner import run_entry
+    from ukf_sim.simulators import SimulatorError
+
+    with _progress() as tell:
+        try:
+            record = run_entry(
+                name, backend.value, steps=steps, seed=seed, output=output, progress=tell
+            )
+        except ValueError as error:
+            _fail(str(error))
+        except SimulatorError as error:
+            _fail(str(error), 1)
+    if as_json:
+        _print_json(record)
+    else:
+        _print_record(record)
+    if not record["okay"]:
+        raise typer.Exit(1)
+
+
+@apps_app.command("all")
+def run_all(
+    backend: BackendOption = AppBackend.GOLDEN,
+    cosim_steps: Annotated[
+        int, typer.Option("--cosim-steps", min=0, help="Co-simulate so many steps of each as well.")
+    ] = 0,
+    seed: SeedOption = 0,
+    output: OutputOption = FOLDER,
+    as_json: JsonOption = False,
+) -> None:
+    """Run every entry; table of errors at the end.
+
+    The exit code is 1 if anything is outside of its bound.
+    """
+    from ukf_sim.apps.runner import run_entry
+    from ukf_sim.simulators import SimulatorError
+    from ukf_sw.catalogue import CATALOGUE
+
+    records: list[dict[str, Any]] = []
+    with _progress() as tell:
+        for name in CATALOGUE:
+            try:
+                records.append(
+                    run_entry(name, backend.value, seed=seed, output=output, progress=tell)
+                )
+                if cosim_steps:
+                    records.append(
+                        run_entry(
+                            name, "cosim", steps=cosim_steps, seed=seed, output=output,
+                            progress=tell,
+                        )
+                    )  # fmt: skip
+            except SimulatorError as error:
+                _fail(str(error), 1)
+            own = [record for record in records if record["name"] == name]
+            word = "okay" if all(record["okay"] for record in own) else "[bold red]wrong[/]"
+            seconds = sum(record["seconds"] for record in own)
+            _messages.print(f"{name}: {word}, {seconds:.0f} s", highlight=False)
+    output.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(records, indent=2) + "\n"
+    (output / "errors.json").write_text(text, encoding="utf-8")
+    okay = all(record["okay"] for record in records)
+    if as_json:
+        _print_json(records)
+    else:
+        _print_summary(records)
+    if not okay:
+        raise typer.Exit(1)
+
+
+def _print_summary(records: list[dict[str, Any]]) -> None:
+    """Print the table of all errors against their bounds."""
+    table = Table(title="Errors of all applications")
+    for heading in ("application", "backend", "error", "measured", "float64", "reference", "bound"):
+        left = heading in ("application", "backend", "error")
+        table.add_column(heading, justify="left" if left else "right")
+    for record in records:
+        name, backend = record["name"], record["backend"]
+        if record["backend"] == "cosim":
+            words = f"{record['words_compared']} words equal"
+            verdict = f"[green]{words}[/]" if record["okay"] else "[bold red]differs[/]"
+            table.add_row(name, backend, f"{record['steps']} steps", "-", "-", "-", verdict)
+            continue
+        if record["stopped"] is not None:
+            table.add_row(name, backend, "stopped", "-", "-", "-", "[bold red]stopped[/]")
+        rows = {row["error"]: row for row in record["errors"]}
+        for verdict in record["verdicts"]:
+            row = rows[verdict["error"]]
+            largest = verdict["measure"] == "maximum"
+            colour = "green" if verdict["okay"] else "bold red"
+            table.add_row(
+                name, backend,
+                ("largest " if largest else "") + _name_of(row["error"], row["unit"]),
+                _number(verdict["value"]), "-" if largest else _number(row["float64_rms"]),
+                _number(verdict["reference"]),
+                f"[{colour}]{_number(verdict['low'])} to {_number(verdict['high'])}[/]",
+            )  # fmt: skip
+    _results.print(table)
+    wrong = [record["name"] for record in records if not record["okay"]]
+    seconds = sum(record["seconds"] for record in records)
+    if wrong:
+        _results.print(f"[bold red]Outside of its bound:[/] {', '.join(wrong)}")
+    else:
+        _results.print(f"[bold green]All within their bounds[/], {seconds:.0f} s")
+
+
+@apps_app.command("convert")
+def convert(
+    kind: Annotated[str, typer.Argument(help="inertial (needs SciPy) or odometry.")],
+    source: Annotated[Path, typer.Argument(help="File of its authors.")],
+    destination: Annotated[Path, typer.Argument(help="File to write.")],
+) -> None:
+    """Convert recorded data to the files of the package."""
+    from ukf_sim.apps.convert import convert_inertial, convert_odometry
+
+    converters = {"inertial": convert_inertial, "odometry": convert_odometry}
+    if kind not in converters:
+        _fail(f"KIND must be one of {', '.join(converters)}, not {kind!r}")
+    try:
+        file = converters[kind](source, destination)
+    except OSError as error:
+        _fail(f"{source}: {error.strerror or error}", 1)
+    except ValueError as error:
+        _fail(str(error), 1)
+    _results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+
+
+@apps_app.command("numerics")
+def numerics(
+    document: Annotated[
+        Path, typer.Option("--document", help="Document whose tables to replace.")
+    ] = Path("docs/numerics.md"),
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps of each run.")] = 1200,
+) -> None:
+    """Measure formats, forms and W0 on the applications; write the tables of docs/numerics.md."""
+    from ukf_sim.apps.numerics import tables, update_document
+
+    if not document.is_file():
+        _fail(f"--document must be a file, not {str(document)!r}")
+    with _messages.status("Measuring") as status:
+        made = tables(steps=steps, progress=status.update)
+    try:
+        update_document(document, made)
+    except ValueError as error:
+        _fail(str(error), 1)
+    for table in made.values():
+        _results.print(table, highlight=False, soft_wrap=True, markup=False)
+
+
+if __name__ == "__main__":
+    apps_app()
