@@ -226,3 +226,20 @@ def test_overflow_in_the_lanes_is_stopped():
         assert (await bench.run(Program.SIG_GEN)).error_code == ErrorCode.NOT_FINITE
 
     simulate(params, pipeline, scenario)
+
+
+def test_a_program_does_not_meet_beats_of_one_that_was_stopped():
+    """Beats of a dot product are in the adder tree when the next program starts at once."""
+    params = UkfParams(n=2, m=2, pes=4)
+    pipeline = Pipeline(multiply=1, add=8, reciprocal_sqrt=2)
+    rng = np.random.default_rng(5)
+
+    async def scenario(bench):
+        await bench.fill("x", rng.normal(size=2))
+        await bench.fill("L", np.eye(2))
+        await bench.run(Program.INIT, compare=False)
+        for stop_after in (2, 3, 5, 8):
+            await bench.run(Program.PREDICT, stop_after=stop_after, compare=False)
+            await bench.run(Program.SIG_GEN)
+
+    simulate(params, pipeline, scenario)

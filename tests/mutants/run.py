@@ -135,12 +135,12 @@ MUTANTS = [
     ),
     Mutant(
         "schedule: a slot too early", "sw/ukf_sw/engine/scheduler.py",
-        "after(writer, written + 1 - k * interval)", "after(writer, written - k * interval)",
+        "(writer, written + 1 - k * interval)", "(writer, written - k * interval)",
         SCHEDULE,
     ),
     Mutant(
         "schedule: writes overtake reads", "sw/ukf_sw/engine/scheduler.py",
-        "after(reader, read + 1 - written)", "pass",
+        "(reader, read + 1 - written)", "(reader, -999)",
         SCHEDULE,
     ),
     Mutant(
