@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from ukf_sw.parameters import Noise
+from ukf_sw.errors import NotPositiveDefiniteError, SingularObservationError
+from ukf_sw.parameters import Form, Noise
 from ukf_sw.scenario import Scenario, run
 from ukf_sw.systems import nanosat
 from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
@@ -307,3 +308,22 @@ def test_data_of_different_lengths_are_refused():
         replace(scenario, inputs=scenario.inputs[:4])
     with pytest.raises(ValueError, match=r"^error_units must have 4 entries, not 1$"):
         replace(scenario, error_units=("degrees",))
+
+
+def test_covariance_form_stops_at_a_bad_pivot_and_keeps_its_estimate():
+    """P0 = I beside precise sensors. Whether a pivot is lost depends on the order of summation."""
+    stopped = 0
+    for pes in (1, 2, 5, 10):
+        scenario = nanosat.nanosat_2014(0, P0=1.0, steps=20)
+        params = replace(scenario.params, form=Form.COVARIANCE, pes=pes)
+        ukf = replace(scenario, params=params).filter("golden")
+        try:
+            for u, z in zip(scenario.inputs, scenario.measurements, strict=True):
+                ukf.predict(u)
+                ukf.update(z)
+        except (NotPositiveDefiniteError, SingularObservationError) as error:
+            stopped += 1
+            assert 0 <= error.index < 7
+        assert np.isfinite(ukf.x).all()
+        assert np.isfinite(ukf.P).all()
+    assert stopped
