@@ -41,7 +41,8 @@ def transition_matrix(rates: Array, dt: float) -> Array:
     else:
         first, second = sin(angle) / rate, (1.0 - cos(angle)) / rate**2
         third = (angle - sin(angle)) / rate**3
-    phi = np.eye(6)
+    phi = np.zeros((6, 6))
+    phi[:3, :3] = phi[3:, 3:] = np.eye(3)
     phi[:3, :3] += WW * second - W * first
     phi[:3, 3:] = W * second - dt * np.eye(3) - WW * third
     return phi

@@ -12,16 +12,76 @@ from ukf_sw.parameters import UkfParams
 from ukf_sw.scenario import run
 from ukf_sw.systems.nanosat import attitude_error
 from ukf_sw.systems.swampsat.ekf import MurrellEkf
-from ukf_sw.systems.swampsat.flight import Flight
+from ukf_sw.systems.swampsat.flight import CALIBRATED, SETTINGS, Flight, SwampsatSettings
 from ukf_sw.systems.swampsat.quest import quest
-from ukf_sw.systems.swampsat.sampling import Sampling
+from ukf_sw.systems.swampsat.sampling import ALTERNATE, INTERVALS, Sampling
 from ukf_sw.systems.swampsat.scenario import first_attitude, scenario_of
 from ukf_sw.systems.swampsat.ukf import SWAMPSAT, UkfEstimator
 
-__all__ = ["Errors", "make_ekf", "make_ukf", "run_ekf", "run_quest", "run_ukf"]
+__all__ = [
+    "CASES",
+    "Case",
+    "Errors",
+    "case_of",
+    "make_ekf",
+    "make_ukf",
+    "run_ekf",
+    "run_quest",
+    "run_ukf",
+]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A row of the study's table.
+
+    Parameters
+    ----------
+    name
+        Name in tables.
+    sampling
+        When the sensors are sampled.
+    settings
+        Orbit, motion, sensors and first uncertainty.
+    """
+
+    name: str
+    sampling: Sampling
+    settings: SwampsatSettings = SETTINGS
+
+
+#: The paper's intervals, 0.2 s beside its alternate sampling, and a minute with a calibrated bias.
+CASES = (
+    *(Case(name=sampling.name, sampling=sampling) for sampling in INTERVALS),
+    Case(name=ALTERNATE.name, sampling=ALTERNATE),
+    Case(name="60 s calibrated", sampling=INTERVALS[-1], settings=CALIBRATED),
+)
+
+
+def case_of(interval: float | str) -> Case:
+    """Find a case by its name, or make one of a sampling interval.
+
+    Parameters
+    ----------
+    interval
+        Interval, s, or the name of one of :data:`CASES`, such as "alternate".
+
+    Raises
+    ------
+    ValueError
+        If there is no such case, or the interval is not positive and finite.
+    """
+    if isinstance(interval, str):
+        for case in CASES:
+            if case.name == interval:
+                return case
+        names = ", ".join(repr(case.name) for case in CASES)
+        raise ValueError(f"interval must be a number or one of {names}, not {interval!r}")
+    sampling = Sampling(interval=float(interval))
+    return Case(name=sampling.name, sampling=sampling)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
