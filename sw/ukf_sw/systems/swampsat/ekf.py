@@ -75,8 +75,8 @@ def _correct(
     """Process one direction: the error state (6,) and its covariance (equations 5 to 9)."""
     H = np.zeros((3, 6))
     H[:, :3] = cross_matrix(predicted)
-    PH: Array = P @ H.T
-    K: Array = np.linalg.solve(H @ PH + variance * np.eye(3), PH.T).T
+    PH = np.asarray(P @ H.T, dtype=np.float64)
+    K = np.asarray(np.linalg.solve(H @ PH + variance * np.eye(3), PH.T).T, dtype=np.float64)
     innovation = measured - predicted - H @ error
     return error + K @ innovation, P - K @ PH.T
 

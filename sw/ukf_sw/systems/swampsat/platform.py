@@ -96,14 +96,8 @@ class PlatformSettings:
 
 
 @dataclass(frozen=True)
-class _Request:
-    number: int
-    time: float
-
-
-@dataclass(frozen=True)
 class _Reply:
-    request: _Request
+    requested: float
     time: float
     vectors: Array
     lit: bool
@@ -124,7 +118,7 @@ class PlatformResults:
     lost
         Requests and replies that the link lost.
     late
-        Replies discarded because they came after their timeout, or after a newer one.
+        Replies discarded because they came after their timeout.
     ages
         Time from sample to use of each reply that was used, shape (U,), s.
     """
@@ -179,7 +173,6 @@ class Platform:
         self._reply = Link(self._environment, settings.reply, 2 * seed + 1)
         self._slot = 0  # slots whose sample of the gyroscope has been used
         self._time = 0.0  # of the estimate
-        self._newest = 0
         self._requests = self._late = 0
         self._ages: list[float] = []
         self._attitude = np.empty((flight.steps, 4))
@@ -206,11 +199,11 @@ class Platform:
         """Answer requests, one at a time."""
         environment = self._environment
         while True:
-            request = yield self._request.inbox.get()
+            requested: float = yield self._request.inbox.get()
             yield environment.timeout(self._settings.response)
             time = float(environment.now)
             flight = self._flight
-            reply = _Reply(request, time, flight.vectors_at(time), flight.lit_at(time))
+            reply = _Reply(requested, time, flight.vectors_at(time), flight.lit_at(time))
             yield environment.timeout(self._settings.response)
             self._reply.send(reply)
 
@@ -231,18 +224,16 @@ class Platform:
                 self._requests -= 1
                 return
             yield self._until(time)
-            self._request.send(_Request(self._requests, time))
+            self._request.send(time)
 
     def _receive(self) -> Process:
         """Update whenever a reply arrives."""
         while True:
             reply: _Reply = yield self._reply.inbox.get()
             now = float(self._environment.now)
-            age = reply.request.time + self._settings.timeout
-            if now > age + RESOLUTION or reply.request.number <= self._newest:
+            if now > reply.requested + self._settings.timeout + RESOLUTION:
                 self._late += 1
                 continue
-            self._newest = reply.request.number
             self._advance()
             self._ages.append(now - reply.time)
             time, vectors = now, reply.vectors
