@@ -1,1 +1,1 @@
-"""Applications: running the catalogue, judging it, and drawing figures."""
+"""Applications: running the catalogue and the studies, judging them, and drawing figures."""

@@ -322,5 +322,36 @@ def numerics(
         _results.print(table, highlight=False, soft_wrap=True, markup=False)
 
 
+@apps_app.command("swampsat")
+def swampsat(
+    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Flights of each case.")] = 5,
+    duration: Annotated[float, typer.Option("--duration", help="Seconds of a flight.")] = 3000.0,
+    backend: Annotated[str, typer.Option("--backend", help="golden or reference.")] = "golden",
+    output: OutputOption = FOLDER / "swampsat",
+    as_json: JsonOption = False,
+) -> None:
+    """Study SwampSat: QUEST, Murrell's filter and the core at every sampling interval."""
+    try:
+        from ukf_sim.apps.swampsat import plot_study, run_study, table
+    except ModuleNotFoundError as error:
+        _fail(f"{error.name} is not installed: pip install 'ukf-core[apps]'", 1)
+    try:
+        with _messages.status("Flying; the whole study takes a quarter of an hour"):
+            results = run_study(seeds=range(seeds), duration=duration, backend=backend)
+    except ValueError as error:
+        _fail(str(error))
+    figures = plot_study(results, output)
+    if as_json:
+        _print_json(results)
+        return
+    header, *rows = table(results)
+    printed = Table(*header)
+    for row in rows:
+        printed.add_row(*row)
+    _results.print(printed)
+    for figure in figures:
+        _results.print(str(figure), highlight=False, soft_wrap=True)
+
+
 if __name__ == "__main__":
     apps_app()
