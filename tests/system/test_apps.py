@@ -45,7 +45,8 @@ def one_entry(monkeypatch):
     return one_entry
 
 
-def test_list_names_every_entry(apps):
+def test_list_names_every_entry(apps, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")  # a narrow terminal breaks lines
     text = apps("list").stdout
     records = json.loads(apps("list", "--json").stdout)
     assert [record["name"] for record in records] == list(catalogue.CATALOGUE)
