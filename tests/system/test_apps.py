@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.apps import numerics, runner
+from ukf_sim.apps import commands, numerics, runner
 from ukf_sim.apps.commands import apps_app
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
 from ukf_sw import catalogue, data
@@ -46,7 +46,7 @@ def one_entry(monkeypatch):
 
 
 def test_list_names_every_entry(apps, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "400")  # a narrow terminal breaks lines
+    monkeypatch.setattr(commands._results, "width", 400)  # a narrow terminal breaks lines
     text = apps("list").stdout
     records = json.loads(apps("list", "--json").stdout)
     assert [record["name"] for record in records] == list(catalogue.CATALOGUE)
