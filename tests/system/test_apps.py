@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.apps import commands, numerics, runner
-from ukf_sim.apps.commands import apps_app
+from ukf_sim.apps import numerics, runner
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
+from ukf_sim.cli import console
+from ukf_sim.cli.apps import apps_app
 from ukf_sw import catalogue, data
 from ukf_sw.errors import NotFiniteError
 from ukf_sw.registers import Step
@@ -46,7 +47,7 @@ def one_entry(monkeypatch):
 
 
 def test_list_names_every_entry(apps, monkeypatch):
-    monkeypatch.setattr(commands._results, "width", 400)  # a narrow terminal breaks lines
+    monkeypatch.setattr(console.results, "width", 400)  # a narrow terminal breaks lines
     text = apps("list").stdout
     records = json.loads(apps("list", "--json").stdout)
     assert [record["name"] for record in records] == list(catalogue.CATALOGUE)

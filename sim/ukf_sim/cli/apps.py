@@ -1,18 +1,22 @@
 """Command line of the applications: ``ukf apps``."""
 
 import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bars
 from rich.table import Table
+
+from ukf_sim.cli.console import (
+    JsonOption,
+    fail,
+    messages,
+    number,
+    print_json,
+    progress_teller,
+    results,
+)
 
 # What takes long to import is imported by the commands that need it.
 
@@ -24,10 +28,6 @@ apps_app = typer.Typer(
     no_args_is_help=True,
 )
 
-#: Progress and messages; standard output is for results.
-_messages = Console(stderr=True)
-_results = Console()
-
 
 class AppBackend(StrEnum):
     """What computes an entry."""
@@ -37,9 +37,6 @@ class AppBackend(StrEnum):
     COSIM = "cosim"
 
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")
-]
 BackendOption = Annotated[
     AppBackend,
     typer.Option(
@@ -52,34 +49,6 @@ OutputOption = Annotated[
 ]  # fmt: skip
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the data.")]
 FOLDER = Path("build/apps")
-
-
-def _fail(message: str, code: int = 2) -> NoReturn:
-    """Print a message and exit."""
-    _messages.print(f"[bold red]Error:[/] {message}", highlight=False, soft_wrap=True)
-    raise typer.Exit(code)
-
-
-def _print_json(record: Any) -> None:
-    sys.stdout.write(json.dumps(record, indent=2) + "\n")
-
-
-@contextmanager
-def _progress() -> Iterator[Any]:
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-    )  # fmt: skip
-    with Bars(*columns, console=_messages, transient=True) as bars:
-        bar = bars.add_task("Starting", total=None)
-
-        def tell(what: str, done: int, total: int) -> None:
-            bars.update(bar, description=what, completed=done, total=total)
-
-        yield tell
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
 
 
 def _name_of(error: str, unit: str) -> str:
@@ -103,33 +72,33 @@ def _errors_table(record: dict[str, Any]) -> Table:
         if verdict is not None:
             kind = "" if verdict["measure"] == "rms" else "largest "
             colour = "green" if verdict["okay"] else "bold red"
-            reference = kind + _number(verdict["reference"])
-            limits = f"{_number(verdict['low'])} to {_number(verdict['high'])}"
+            reference = kind + number(verdict["reference"])
+            limits = f"{number(verdict['low'])} to {number(verdict['high'])}"
             bound = f"[{colour}]{kind}{limits}[/]"
         table.add_row(
-            _name_of(row["error"], row["unit"]), _number(row["rms"]), _number(row["maximum"]),
-            _number(row["float64_rms"]), reference, bound,
+            _name_of(row["error"], row["unit"]), number(row["rms"]), number(row["maximum"]),
+            number(row["float64_rms"]), reference, bound,
         )  # fmt: skip
     return table
 
 
 def _print_record(record: dict[str, Any]) -> None:
     if record["errors"]:
-        _results.print(_errors_table(record))
+        results.print(_errors_table(record))
     if record["stopped"] is not None:
-        _results.print(f"[bold red]Stopped:[/] {record['stopped']}", soft_wrap=True)
+        results.print(f"[bold red]Stopped:[/] {record['stopped']}", soft_wrap=True)
     if record["backend"] == "cosim":
         if record["mismatch"] is None:
-            _results.print(
+            results.print(
                 f"[bold green]Bit-exact[/]: {record['words_compared']} words equal the golden "
                 "model's"
             )
         else:
-            _results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
+            results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
     elif not record["judged"]:
-        _results.print("Not judged: bounds are those of whole runs.")
+        results.print("Not judged: bounds are those of whole runs.")
     if record["plot"]:
-        _results.print(f"Plot: {record['plot']}", soft_wrap=True)
+        results.print(f"Plot: {record['plot']}", soft_wrap=True)
 
 
 @apps_app.command("list")
@@ -145,7 +114,7 @@ def list_entries(as_json: JsonOption = False) -> None:
              "n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": p.N}
         )  # fmt: skip
     if as_json:
-        _print_json(rows)
+        print_json(rows)
         return
     table = Table(title="Applications")
     for heading in ("name", "n q r m", "what", "source"):
@@ -153,7 +122,7 @@ def list_entries(as_json: JsonOption = False) -> None:
     for row in rows:
         sizes = f"{row['n']} {row['q']} {row['r']} {row['m']}"
         table.add_row(row["name"], sizes, row["doc"], row["source"])
-    _results.print(table)
+    results.print(table)
 
 
 @apps_app.command("run")
@@ -176,17 +145,17 @@ def run_command(
     from ukf_sim.apps.runner import run_entry
     from ukf_sim.simulators import SimulatorError
 
-    with _progress() as tell:
+    with progress_teller() as tell:
         try:
             record = run_entry(
                 name, backend.value, steps=steps, seed=seed, output=output, progress=tell
             )
         except ValueError as error:
-            _fail(str(error))
+            fail(str(error))
         except SimulatorError as error:
-            _fail(str(error), 1)
+            fail(str(error), 1)
     if as_json:
-        _print_json(record)
+        print_json(record)
     else:
         _print_record(record)
     if not record["okay"]:
@@ -212,7 +181,7 @@ def run_all(
     from ukf_sw.catalogue import CATALOGUE
 
     records: list[dict[str, Any]] = []
-    with _progress() as tell:
+    with progress_teller() as tell:
         for name in CATALOGUE:
             try:
                 records.append(
@@ -226,17 +195,17 @@ def run_all(
                         )
                     )  # fmt: skip
             except SimulatorError as error:
-                _fail(str(error), 1)
+                fail(str(error), 1)
             own = [record for record in records if record["name"] == name]
             word = "okay" if all(record["okay"] for record in own) else "[bold red]wrong[/]"
             seconds = sum(record["seconds"] for record in own)
-            _messages.print(f"{name}: {word}, {seconds:.0f} s", highlight=False)
+            messages.print(f"{name}: {word}, {seconds:.0f} s", highlight=False)
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(records, indent=2) + "\n"
     (output / "errors.json").write_text(text, encoding="utf-8")
     okay = all(record["okay"] for record in records)
     if as_json:
-        _print_json(records)
+        print_json(records)
     else:
         _print_summary(records)
     if not okay:
@@ -266,17 +235,17 @@ def _print_summary(records: list[dict[str, Any]]) -> None:
             table.add_row(
                 name, backend,
                 ("largest " if largest else "") + _name_of(row["error"], row["unit"]),
-                _number(verdict["value"]), "-" if largest else _number(row["float64_rms"]),
-                _number(verdict["reference"]),
-                f"[{colour}]{_number(verdict['low'])} to {_number(verdict['high'])}[/]",
+                number(verdict["value"]), "-" if largest else number(row["float64_rms"]),
+                number(verdict["reference"]),
+                f"[{colour}]{number(verdict['low'])} to {number(verdict['high'])}[/]",
             )  # fmt: skip
-    _results.print(table)
+    results.print(table)
     wrong = [record["name"] for record in records if not record["okay"]]
     seconds = sum(record["seconds"] for record in records)
     if wrong:
-        _results.print(f"[bold red]Outside of its bound:[/] {', '.join(wrong)}")
+        results.print(f"[bold red]Outside of its bound:[/] {', '.join(wrong)}")
     else:
-        _results.print(f"[bold green]All within their bounds[/], {seconds:.0f} s")
+        results.print(f"[bold green]All within their bounds[/], {seconds:.0f} s")
 
 
 @apps_app.command("convert")
@@ -290,14 +259,14 @@ def convert(
 
     converters = {"inertial": convert_inertial, "odometry": convert_odometry}
     if kind not in converters:
-        _fail(f"KIND must be one of {', '.join(converters)}, not {kind!r}")
+        fail(f"KIND must be one of {', '.join(converters)}, not {kind!r}")
     try:
         file = converters[kind](source, destination)
     except OSError as error:
-        _fail(f"{source}: {error.strerror or error}", 1)
+        fail(f"{source}: {error.strerror or error}", 1)
     except ValueError as error:
-        _fail(str(error), 1)
-    _results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+        fail(str(error), 1)
+    results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
 
 
 @apps_app.command("numerics")
@@ -311,15 +280,15 @@ def numerics(
     from ukf_sim.apps.numerics import tables, update_document
 
     if not document.is_file():
-        _fail(f"--document must be a file, not {str(document)!r}")
-    with _messages.status("Measuring") as status:
+        fail(f"--document must be a file, not {str(document)!r}")
+    with messages.status("Measuring") as status:
         made = tables(steps=steps, progress=status.update)
     try:
         update_document(document, made)
     except ValueError as error:
-        _fail(str(error), 1)
+        fail(str(error), 1)
     for table in made.values():
-        _results.print(table, highlight=False, soft_wrap=True, markup=False)
+        results.print(table, highlight=False, soft_wrap=True, markup=False)
 
 
 @apps_app.command("swampsat")
@@ -334,24 +303,20 @@ def swampsat(
     try:
         from ukf_sim.apps.swampsat import plot_study, run_study, table
     except ModuleNotFoundError as error:
-        _fail(f"{error.name} is not installed: pip install 'ukf-core[apps]'", 1)
+        fail(f"{error.name} is not installed: pip install 'ukf-core[apps]'", 1)
     try:
-        with _messages.status("Flying; the whole study takes a quarter of an hour"):
-            results = run_study(seeds=range(seeds), duration=duration, backend=backend)
+        with messages.status("Flying; the whole study takes a quarter of an hour"):
+            study = run_study(seeds=range(seeds), duration=duration, backend=backend)
     except ValueError as error:
-        _fail(str(error))
-    figures = plot_study(results, output)
+        fail(str(error))
+    figures = plot_study(study, output)
     if as_json:
-        _print_json(results)
+        print_json(study)
         return
-    header, *rows = table(results)
+    header, *rows = table(study)
     printed = Table(*header)
     for row in rows:
         printed.add_row(*row)
-    _results.print(printed)
+    results.print(printed)
     for figure in figures:
-        _results.print(str(figure), highlight=False, soft_wrap=True)
-
-
-if __name__ == "__main__":
-    apps_app()
+        results.print(str(figure), highlight=False, soft_wrap=True)

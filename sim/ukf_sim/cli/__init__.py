@@ -1,0 +1,23 @@
+"""Command line: ``ukf``. One module for each group of commands."""
+
+import typer
+
+from ukf_sim.cli.apps import apps_app
+from ukf_sim.cli.core import generate, latency
+from ukf_sim.cli.cosim import cosim
+from ukf_sim.cli.run import run
+
+# What takes long to import is imported by the commands that need it.
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="ukf",
+    help="Unscented Kalman filter core for FPGAs.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_show_locals=False,
+)
+for command in (generate, latency, cosim, run):
+    app.command()(command)
+app.add_typer(apps_app)
