@@ -28,11 +28,11 @@ from ukf_sw.systems.recorded_imu import recorded_imu
 from ukf_sw.systems.recorded_odometry import recorded_odometry
 from ukf_sw.systems.reentry import reentry
 
-__all__ = ["CATALOGUE", "Bound", "Entry", "Verdict", "pooled"]
+__all__ = ["CATALOGUE", "SWAMPSAT_STUDY", "Bound", "Entry", "Verdict", "pooled"]
 
 Array = NDArray[np.float64]
 #: What a bound is about.
-Measure = Literal["rms", "maximum"]
+Measure = Literal["rms", "maximum", "median", "diverged"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,8 @@ class Bound:
     error
         Name of the error in the scenario.
     measure
-        Root mean square, or largest magnitude.
+        Root mean square, or largest magnitude; of the study of SwampSat the median over the flights
+        of their root mean squares, or the number of flights that diverged.
     low, high
         Limits, in the unit of the error. An error below what the noise allows is a mistake, too.
     reference
@@ -179,6 +180,20 @@ def pooled(results: Sequence[Results], after: float = float("-inf")) -> Array:
     return np.sqrt(np.mean([result.rms(after) ** 2 for result in results], axis=0))
 
 
+def _swampsat(seed: int, steps: int | None) -> Scenario:
+    """Make the scenario of SwampSat, sampled every two seconds.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        If the packages of the extra ``apps`` are not installed.
+    """
+    # Not above: only this system needs packages that are not there by default.
+    from ukf_sw.systems.swampsat.scenario import swampsat
+
+    return swampsat(seed, steps=steps)
+
+
 def _around(
     error: str, reference: float, tolerance: float, origin: str, measure: Measure = "rms"
 ) -> Bound:
@@ -209,6 +224,8 @@ _START = (
     "independent float64 filter with one draw of the fixes; the heading's error is that of the "
     "first metres and scatters between 8 and 12.5 degrees over ten draws"
 )
+
+_FLIGHTS = "independent float64 filters, EKF and two UKF, median of 5 other flights of 50 minutes"
 
 _ENTRIES = (
     Entry(
@@ -252,6 +269,15 @@ _ENTRIES = (
         factory=lambda seed, steps: nanosat_2014_rates(seed, gaps="random", P0=0.01, steps=steps),
         settled=1.0,
         bounds=(Bound(error="attitude", low=0.024, high=0.079, origin=_SLOWER),),
+    ),
+    Entry(
+        name="swampsat",
+        doc="SwampSat: Sun and field every 2 s, gyroscope at 10 Hz with a bias of degrees/s.",
+        source="Asundi, Latchman and Fitz-Coy",
+        factory=_swampsat,
+        settled=1500.0,
+        runs=5,
+        bounds=(_around("attitude", 0.730, 0.1, _FLIGHTS),),
     ),
     Entry(
         name="pendulum",
@@ -350,3 +376,25 @@ _ENTRIES = (
 
 #: All entries by name.
 CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in _ENTRIES}
+
+
+def _swampsat_study() -> dict[tuple[str, str], Bound]:
+    """Bounds of the study of SwampSat, by case and estimator."""
+    estimators = ("quest_sample", "quest_held", "ekf", "ukf_golden")
+    references = {
+        "0.2 s": (5.67, 5.68, 0.421, 0.421),
+        "2 s": (5.63, 6.86, 0.730, 0.730),
+        "5 s": (5.60, 11.4, 1.05, 1.05),
+        "10 s": (5.48, 20.6, 1.26, 1.26),
+        "15 s": (5.80, 30.5, 1.42, 1.41),
+        "20 s": (5.45, 40.3, 1.52, 1.57),
+    }
+    bounds: dict[tuple[str, str], Bound] = {}
+    for case, row in references.items():
+        for estimator, reference in zip(estimators, row, strict=True):
+            bounds[case, estimator] = _around("attitude", reference, 0.1, _FLIGHTS, "median")
+    return bounds
+
+
+#: What the study of SwampSat must find, by its case and the name of the estimator there.
+SWAMPSAT_STUDY = _swampsat_study()

@@ -811,7 +811,7 @@ def test_study_is_plain_data_with_figures(tmp_path):
     assert table[0][:3] == ["interval", "QUEST at sample", "QUEST held"]
     files = app.plot_study(results, tmp_path / "figures")
     assert [file.stem for file in files] == [
-        "swampsat_quest", "swampsat_filters", "swampsat_bias", "swampsat_rms", "swampsat_platform",
+        "swampsat-quest", "swampsat-filters", "swampsat-bias", "swampsat-rms", "swampsat-platform",
     ]  # fmt: skip
     assert all(file.stat().st_size > 10_000 for file in files)
     curve = results["curves"]["2 s"]["ukf_golden"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ukf_sim.apps.runner import find
 from ukf_sim.running import iterate
+from ukf_sw.catalogue import CATALOGUE
 from ukf_sw.errors import StepError, UkfError
 from ukf_sw.float_format import FORMATS
 from ukf_sw.parameters import Form
@@ -15,11 +16,6 @@ from ukf_sw.scenario import Scenario, run
 
 __all__ = ["Measurement", "measure_formats", "measure_weights", "tables", "update_document"]
 
-#: Applications of the tables; the others have the same sizes and behave alike.
-NAMES = (
-    "nanosat", "nanosat-2014", "nanosat-2014-gaps", "pendulum", "ctrv", "reentry", "reentry-earth",
-    "battery", "gps-ins", "recorded-imu", "recorded-odometry",
-)  # fmt: skip
 FORMAT_NAMES = ("binary16", "bfloat16", "binary32", "binary64")
 WEIGHTS = (0.0, 0.5, 0.9, 0.99)
 #: Steps of each run.
@@ -125,7 +121,7 @@ def measure_weights(name: str, steps: int = STEPS) -> dict[float, tuple[Measurem
 
 
 def tables(
-    names: Iterable[str] = NAMES,
+    names: Iterable[str] = tuple(CATALOGUE),
     steps: int = STEPS,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, str]:

@@ -1,14 +1,16 @@
 """Running entries of the catalogue on a backend, and judging them."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ukf_sim.apps.figures import draw_errors
+from ukf_sim.apps.figures import draw, draw_errors
+from ukf_sim.apps.workers import mapper
 from ukf_sim.cosimulation import CACHE, Job, cosimulate
 from ukf_sim.simulators import Simulator
 from ukf_sw.catalogue import CATALOGUE, Entry, Verdict
@@ -21,12 +23,24 @@ from ukf_sw.reference import ReferenceUkf
 from ukf_sw.scenario import Results, Scenario
 from ukf_sw.scenario import run as run_scenario
 
-__all__ = ["BACKENDS", "CatalogueProblem", "cosimulate_entry", "find", "run_entry"]
+__all__ = [
+    "BACKENDS",
+    "EXTRA",
+    "CatalogueProblem",
+    "cosimulate_entry",
+    "describe_verdict",
+    "find",
+    "run_catalogue",
+    "run_entry",
+]
 
 #: What can compute an entry.
 BACKENDS = ("reference", "golden", "cosim")
 #: Steps of a co-simulation unless told otherwise; slow sensors have a sample by then.
 COSIM_STEPS = 30
+
+#: What installs the packages that only some entries need.
+EXTRA = "pip install 'ukf-core[apps]'"
 
 Progress = Callable[[str, int, int], None]
 
@@ -80,7 +94,7 @@ def _backend(name: str, params: UkfParams) -> Backend:
     return Driver(GoldenBus(GoldenCore(params)), params)
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
+def describe_verdict(verdict: Verdict) -> dict[str, Any]:
     """Describe a verdict, ready for JSON."""
     bound = verdict.bound
     return {
@@ -88,6 +102,11 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
         "low": bound.low, "high": bound.high, "reference": bound.reference,
         "origin": bound.origin, "okay": verdict.okay,
     }  # fmt: skip
+
+
+def _longest(steps: list[dict[str, int]]) -> dict[str, int]:
+    """Give the step with the most in it: others have no update, or one of the first redraws."""
+    return max(steps, key=lambda step: sum(step.values()), default={})
 
 
 def _describe_errors(
@@ -154,7 +173,6 @@ def run_entry(
     SimulatorError
         If the simulator is not installed or fails.
     """
-    entry = find(name)
     if backend not in BACKENDS:
         raise ValueError(f"--backend must be one of {', '.join(BACKENDS)}, not {backend!r}")
     if backend == "cosim":
@@ -162,13 +180,18 @@ def run_entry(
             name, steps=COSIM_STEPS if steps is None else steps, seed=seed, output=output,
             cache=cache, progress=progress,
         )  # fmt: skip
+    entry = find(name)
     tell = progress or (lambda what, done, total: None)
     started = time.perf_counter()
     results: list[Results] = []
     others: list[Results] = []
     stopped = None
     for number in range(1 if steps is not None else entry.runs):
-        scenario = entry.scenario(seed + number, steps)
+        try:
+            scenario = entry.scenario(seed + number, steps)
+        except ModuleNotFoundError as error:
+            stopped = f"{error.name} is not installed: {EXTRA}"
+            break
         for kind, kept in (("reference", others), (backend, results)):
             if kind == "reference" and kept is results:
                 results.append(others[-1])
@@ -191,7 +214,7 @@ def run_entry(
     record: dict[str, Any] = {
         "name": name, "doc": entry.doc, "source": entry.source, "backend": backend, "seed": seed,
         "runs": len(results), "steps": None, "settled": None, "stopped": stopped, "errors": [],
-        "judged": False, "verdicts": [], "plot": None,
+        "judged": False, "verdicts": [], "plots": [],
     }  # fmt: skip
     if results and stopped is None:
         scenario = results[0].scenario
@@ -201,11 +224,11 @@ def run_entry(
         record["errors"] = _describe_errors(entry, results, others, settled)
         if steps is None or steps == entry.scenario(seed).steps:
             record["judged"] = True
-            record["verdicts"] = [_verdict(verdict) for verdict in entry.judge(results)]
+            record["verdicts"] = [describe_verdict(verdict) for verdict in entry.judge(results)]
         if output is not None:
             estimates = {"golden model": results[0]} if backend == "golden" else {}
             estimates["float64 reference"] = others[0]
-            record["plot"] = str(draw_errors(output / f"{name}-{backend}.png", entry, estimates))
+            record["plots"] = [str(file) for file in draw(output, entry, backend, estimates)]
     record["okay"] = stopped is None and all(verdict["okay"] for verdict in record["verdicts"])
     record["seconds"] = time.perf_counter() - started
     return record
@@ -275,9 +298,10 @@ def cosimulate_entry(
     record: dict[str, Any] = {
         "name": name, "doc": entry.doc, "source": entry.source, "backend": "cosim", "seed": seed,
         "runs": 1, "steps": len(x), "settled": None, "stopped": found["stopped"], "errors": [],
-        "judged": False, "verdicts": [], "plot": None, "mismatch": found["mismatch"],
+        "judged": False, "verdicts": [], "plots": [], "mismatch": found["mismatch"],
         "words_compared": found["words_compared"],
-        "cycles": found["cycles"][-1] if found["cycles"] else {},
+        "pes": pes,
+        "cycles": _longest(found["cycles"]), "traffic": _longest(found["traffic"]),
     }  # fmt: skip
     record["okay"] = found["mismatch"] is None and found["stopped"] is None and len(x) == steps
     if len(x):
@@ -294,6 +318,65 @@ def cosimulate_entry(
         record["errors"] = _describe_errors(entry, [simulated], [reference], -np.inf)
         if output is not None:
             estimates = {"core, simulated": simulated, "float64 reference": reference}
-            record["plot"] = str(draw_errors(output / f"{name}-cosim.png", entry, estimates))
+            record["plots"] = [str(draw_errors(output / f"{name}-cosim.png", entry, estimates))]
     record["seconds"] = time.perf_counter() - started
     return record
+
+
+def _run_both(
+    name: str, *, backend: str, cosim_steps: int, seed: int, output: Path, cache: Path
+) -> list[dict[str, Any]]:
+    """Run an entry, and co-simulate some of its steps."""
+    records = [run_entry(name, backend, seed=seed, output=output, cache=cache)]
+    if cosim_steps and records[0]["stopped"] is None:
+        records.append(cosimulate_entry(name, steps=cosim_steps, seed=seed, cache=cache))
+    return records
+
+
+def run_catalogue(
+    backend: str = "golden",
+    *,
+    cosim_steps: int = 0,
+    seed: int = 0,
+    output: Path,
+    cache: Path = CACHE,
+    workers: int = 1,
+    names: Iterable[str] | None = None,
+) -> Iterator[list[dict[str, Any]]]:
+    """Run entries one after the other, or on several processors.
+
+    Parameters
+    ----------
+    backend
+        As for :func:`run_entry`.
+    cosim_steps
+        How many steps of each to co-simulate as well; 0 is none.
+    seed
+        Seed of the first runs.
+    output
+        Folder of the figures.
+    cache
+        Folder of compiled cores.
+    workers
+        Processes.
+    names
+        Names of the entries; None is all.
+
+    Yields
+    ------
+    list of dict
+        Records of each entry, in the order of the names: as :func:`run_entry` gives it, and that of
+        the co-simulation.
+
+    Raises
+    ------
+    ValueError
+        If there is no worker, or as :func:`run_entry`.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    run = partial(
+        _run_both, backend=backend, cosim_steps=cosim_steps, seed=seed, output=output, cache=cache
+    )
+    with mapper(workers) as spread:
+        yield from spread(run, tuple(CATALOGUE) if names is None else tuple(names))

@@ -4,18 +4,20 @@ The equivalents of figures 5, 6 and 7 of Asundi, Latchman and Fitz-Coy, a table 
 study that the paper asks for, attitude error against the delay between the two computers.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from math import isfinite
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ukf_sim.apps.figures import make_figure, save
+from ukf_sim.apps.runner import describe_verdict
+from ukf_sim.apps.workers import check_workers, mapper
+from ukf_sw.catalogue import CATALOGUE, SWAMPSAT_STUDY, Verdict
 from ukf_sw.filter import Backend
 from ukf_sw.systems.swampsat.flight import SETTINGS, Flight, SwampsatSettings, simulate
 from ukf_sw.systems.swampsat.link import LinkSettings
@@ -40,10 +42,12 @@ __all__ = [
     "DELAYS",
     "DIVERGED",
     "LOSSES",
+    "judge",
     "plot_study",
     "run_eclipse",
     "run_platform_study",
     "run_study",
+    "study_record",
     "table",
 ]
 
@@ -126,22 +130,17 @@ def _run_case(
     return result
 
 
-@contextmanager
-def _mapper(workers: int) -> Iterator[Callable[[Callable[..., Any], Iterable[Any]], Iterable[Any]]]:
-    """Give a function like map, over so many processes."""
-    if workers == 1:
-        yield map
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield pool.map
-
-
 def _check(seeds: Sequence[int], workers: int) -> tuple[int, ...]:
     if not seeds:
         raise ValueError(f"seeds must not be empty, not {seeds!r}")
-    if workers < 1:
-        raise ValueError(f"workers must be at least 1, not {workers!r}")
+    check_workers(workers)
     return tuple(seeds)
+
+
+def _seeds_of(case: Case, seeds: tuple[int, ...]) -> tuple[int, ...]:
+    """Seeds of a case: those that are asked for, and those after them that it takes beside."""
+    first = max(seeds) + 1
+    return (*seeds, *range(first, first + (case.repeats - 1) * len(seeds)))
 
 
 def run_study(
@@ -166,7 +165,7 @@ def run_study(
         Sampling intervals, s, or names of :data:`ukf_sw.systems.swampsat.study.CASES`; None is all
         of these.
     seeds
-        Seeds of the flights.
+        Seeds of the flights; a case may take more: see its ``repeats``.
     duration
         Length of the flights, s; errors are taken over its second half.
     backend
@@ -204,7 +203,8 @@ def run_study(
         case.sampling.slots(case.settings.dt)
     after = duration / 2.0
     backends = ("reference",) if backend == "reference" else ("reference", backend)
-    tasks = [(case, seed) for case in cases for seed in chosen]
+    seeds_of = [_seeds_of(case, chosen) for case in cases]
+    tasks = [(case, seed) for case, own in zip(cases, seeds_of, strict=True) for seed in own]
     extra = chosen[:3]
     platform_runs = 2 * (len(delays) + len(losses)) * len(extra)
     total = len(tasks) + platform_runs + (2 * len(extra) if eclipse else 0)
@@ -217,9 +217,9 @@ def run_study(
             progress(done, total)
 
     found: list[dict[str, Any]] = []
-    with _mapper(workers) as mapper:
+    with mapper(workers) as spread:
         run = partial(_run_case, backends=backends, after=after, curves_of=chosen[0])
-        for result in mapper(run, tasks):
+        for result in spread(run, tasks):
             found.append(result)
             step()
     results: dict[str, Any] = {
@@ -232,8 +232,9 @@ def run_study(
         "rows": [],
         "curves": {},
     }
-    for k, case in enumerate(cases):
-        group = found[k * len(chosen) : (k + 1) * len(chosen)]
+    done_cases = iter(found)
+    for case, own in zip(cases, seeds_of, strict=True):
+        group = list(islice(done_cases, len(own)))
         row: dict[str, Any] = {"name": case.name, "interval_s": case.sampling.interval}
         row |= {column: _summary([g["rms"][column] for g in group]) for column in group[0]["rms"]}
         results["rows"].append(row)
@@ -308,9 +309,9 @@ def run_platform_study(
     points = [(delay, 0.0) for delay in delays] + [(0.1, loss) for loss in losses]
     tasks = [(*point, flag, seed) for point in points for flag in (False, True) for seed in chosen]
     found: list[dict[str, Any]] = []
-    with _mapper(workers) as mapper:
+    with mapper(workers) as spread:
         run = partial(_run_link, settings=settings, after=duration / 2.0)
-        for result in mapper(run, tasks):
+        for result in spread(run, tasks):
             found.append(result)
             if progress is not None:
                 progress(len(found), len(tasks))
@@ -371,8 +372,8 @@ def run_eclipse(
     chosen = _check(seeds, workers)
     tasks = [(dark, seed) for dark in (False, True) for seed in chosen]
     found: list[dict[str, float]] = []
-    with _mapper(workers) as mapper:
-        for result in mapper(_run_eclipse, tasks):
+    with mapper(workers) as spread:
+        for result in spread(_run_eclipse, tasks):
             found.append(result)
             if progress is not None:
                 progress(len(found), len(tasks))
@@ -381,6 +382,64 @@ def run_eclipse(
         name: {column: _summary([f[column] for f in half]) for column in half[0]}
         for name, half in halves.items()
     } | {"duration_s": ORBIT, "interval_s": REQUESTS, "seeds": list(chosen)}
+
+
+def judge(results: dict[str, Any]) -> list[tuple[str, Verdict]]:
+    """Compare a study with what is known.
+
+    Parameters
+    ----------
+    results
+        What :func:`run_study` returned, or the same from a JSON file.
+
+    Returns
+    -------
+    list of (str, Verdict)
+        For each bound of :data:`ukf_sw.catalogue.SWAMPSAT_STUDY` about a case of the study: what it
+        is about, and the verdict.
+    """
+    found = {row["name"]: row for row in results["rows"]}
+    for point in results.get("platform", {}).get("delays", ()):
+        found[f"latency {point['latency_s']:g} s"] = point
+    verdicts: list[tuple[str, Verdict]] = []
+    for (case, column), bound in SWAMPSAT_STUDY.items():
+        if column in found.get(case, {}):
+            value = found[case][column][bound.measure]
+            verdict = Verdict(bound=bound, value=float("inf") if value is None else float(value))
+            verdicts.append((f"{case}, {_label(column)}", verdict))
+    return verdicts
+
+
+def study_record(results: dict[str, Any]) -> dict[str, Any]:
+    """Describe a study as :func:`ukf_sim.apps.runner.run_entry` describes a run.
+
+    Parameters
+    ----------
+    results
+        What :func:`run_study` returned, or the same from a JSON file.
+
+    Returns
+    -------
+    dict
+        Ready for JSON. Only a study of whole flights with at least five seeds is judged.
+    """
+    judged = results["duration_s"] == SETTINGS.duration and len(results["seeds"]) >= 5
+    verdicts: list[dict[str, Any]] = []
+    errors: list[dict[str, Any]] = []
+    for name, verdict in judge(results) if judged else ():
+        unit = "" if verdict.bound.measure == "diverged" else results["unit"]
+        verdicts.append(
+            describe_verdict(verdict) | {"error": name, "value": _number(verdict.value)}
+        )
+        errors.append({"error": name, "unit": unit, "float64_rms": None})
+    entry = CATALOGUE["swampsat"]
+    return {
+        "name": "swampsat study", "doc": entry.doc, "source": entry.source, "backend": "golden",
+        "seed": results["seeds"][0], "runs": len(results["seeds"]),
+        "steps": round(results["duration_s"] / SETTINGS.dt), "settled": results["settled_after_s"],
+        "stopped": None, "errors": errors, "judged": judged, "verdicts": verdicts, "plots": [],
+        "okay": all(verdict["okay"] for verdict in verdicts),
+    }  # fmt: skip
 
 
 def table(results: dict[str, Any]) -> list[list[str]]:
@@ -425,23 +484,6 @@ def _style(column: str) -> dict[str, Any]:
     return {"color": color, "marker": marker, "linestyle": line, "label": _label(column)}
 
 
-def _figure(size: tuple[float, float], rows: int, columns: int) -> tuple["Figure", list["Axes"]]:
-    # Slow to import, and asks for a display unless told.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=rows * columns > 2)
-    return figure, list(axes.flat)
-
-
-def _save(figure: "Figure", file: Path, caption: str) -> Path:
-    figure.supxlabel(caption, fontsize=8, x=0.01, ha="left", wrap=True)
-    figure.savefig(file, dpi=120)
-    return file
-
-
 def _panels(
     results: dict[str, Any], draw: Callable[["Axes", dict[str, Any]], None], unit: str, floor: bool
 ) -> "Figure":
@@ -450,11 +492,10 @@ def _panels(
     count = len(curves)
     columns = min(3, count)
     rows = -(-count // columns)
-    figure, axes = _figure((4.0 * columns, 2.4 * rows + 0.8), rows, columns)
+    figure, axes = make_figure((4.0 * columns, 2.4 * rows + 0.8), rows, columns, share_x=True)
     for k, (name, found) in enumerate(curves.items()):
         draw(axes[k], found)
         axes[k].set_title(name, fontsize=9)
-        axes[k].grid(visible=True, alpha=0.3)
         if floor:
             axes[k].set_yscale("log")
         if k % columns == 0:
@@ -495,7 +536,7 @@ def _draw_bias(axes: "Axes", found: dict[str, Any]) -> None:
 
 def _plot_rms(results: dict[str, Any], file: Path) -> Path:
     """Errors against the interval."""
-    figure, (axes,) = _figure((7.0, 5.0), 1, 1)
+    figure, (axes,) = make_figure((7.0, 5.0), 1)
     # Not the special cases, whose names are other than their intervals.
     rows = [row for row in results["rows"] if row["name"] == f"{row['interval_s']:g} s"]
     intervals = [row["interval_s"] for row in rows]
@@ -514,15 +555,15 @@ def _plot_rms(results: dict[str, Any], file: Path) -> Path:
     axes.legend(fontsize=8)
     caption = (
         f"Attitude error against the sampling interval: median over {len(results['seeds'])} flights"
-        f" of the rms\nafter {results['settled_after_s'] / 60:g} minutes (QUEST: over the whole "
+        f" of the rms after {results['settled_after_s'] / 60:g} minutes (QUEST: over the whole "
         "flight). The gyroscope is sampled at 10 Hz."
     )
-    return _save(figure, file, caption)
+    return save(figure, file, caption)
 
 
 def _plot_platform(platform: dict[str, Any], file: Path) -> Path:
     """Errors against delay and loss."""
-    figure, axes = _figure((9.0, 4.4), 1, 2)
+    figure, axes = make_figure((9.0, 4.4), 1, 2)
     for panel, points, key, label in (
         (axes[0], platform["delays"], "age_s", "mean age of a reply / s"),
         (axes[1], platform["losses"], "loss", "probability of losing a message"),
@@ -533,15 +574,14 @@ def _plot_platform(platform: dict[str, Any], file: Path) -> Path:
         panel.set_xlabel(label)
         panel.set_ylabel("rms attitude error / degrees")
         panel.set_ylim(bottom=0.0)
-        panel.grid(visible=True, alpha=0.3)
         panel.legend(fontsize=8)
     caption = (
         "Distributed platform: error of the EKF against the delay (left) and the loss of messages "
-        f"(right, latency 0.1 s each way), requests every {platform['interval_s']:g} s.\n"
+        f"(right, latency 0.1 s each way), requests every {platform['interval_s']:g} s. "
         f"Median over {len(platform['seeds'])} flights. A naive estimator takes a reply as sampled "
         "when it arrives; a compensated one turns it to the present by the gyroscope."
     )
-    return _save(figure, file, caption)
+    return save(figure, file, caption)
 
 
 def plot_study(results: dict[str, Any], folder: Path) -> list[Path]:
@@ -573,8 +613,8 @@ def plot_study(results: dict[str, Any], folder: Path) -> list[Path]:
          f"Error of the estimated gyroscope bias about three axes {interval} (figure 7)"),
     ):  # fmt: skip
         figure = _panels(results, draw, unit, floor)
-        files.append(_save(figure, folder / f"swampsat_{name}.png", f"{caption}. Seed {seed}."))
-    files.append(_plot_rms(results, folder / "swampsat_rms.png"))
+        files.append(save(figure, folder / f"swampsat-{name}.png", f"{caption}. Seed {seed}."))
+    files.append(_plot_rms(results, folder / "swampsat-rms.png"))
     if "platform" in results:
-        files.append(_plot_platform(results["platform"], folder / "swampsat_platform.png"))
+        files.append(_plot_platform(results["platform"], folder / "swampsat-platform.png"))
     return files

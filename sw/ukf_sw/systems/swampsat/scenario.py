@@ -1,5 +1,6 @@
 """Scenarios of SwampSat for the unscented Kalman filter."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from ukf_sw.parameters import UkfParams
 from ukf_sw.scenario import Scenario
 from ukf_sw.systems.nanosat import attitude_error
+from ukf_sw.systems.simulation import check_steps
 from ukf_sw.systems.swampsat.flight import SETTINGS, Flight, SwampsatSettings, simulate
 from ukf_sw.systems.swampsat.quest import quest
 from ukf_sw.systems.swampsat.sampling import Sampling
@@ -99,6 +101,7 @@ def swampsat(
     sampling: Sampling | None = None,
     settings: SwampsatSettings = SETTINGS,
     params: UkfParams = SWAMPSAT,
+    steps: int | None = None,
 ) -> Scenario:
     """Simulate a flight and make its scenario.
 
@@ -112,11 +115,20 @@ def swampsat(
         Orbit, motion, sensors and first uncertainty.
     params
         As for :func:`scenario_of`.
+    steps
+        Slots to simulate; None is the whole duration.
 
     Returns
     -------
     Scenario
         As :func:`scenario_of`.
+
+    Raises
+    ------
+    ValueError
+        If there are not that many steps, or as :func:`scenario_of`.
     """
     chosen = Sampling(interval=2.0) if sampling is None else sampling
-    return scenario_of(simulate(seed, settings), chosen, params)
+    count = check_steps(steps, settings.steps)
+    flight = simulate(seed, replace(settings, duration=count * settings.dt))
+    return scenario_of(flight, chosen, params)
