@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps formal mutants resources readme lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -39,7 +39,10 @@ cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
 	$(BIN)/ukf cosim $(or $(OPTIONS),--config nanosat --pes 2)
 
 apps: $(STAMP) ## Run every application, and co-simulate some steps of each
-	$(BIN)/ukf apps all --cosim-steps 10
+	$(BIN)/ukf apps all --cosim-steps 30 --workers $(JOBS)
+
+figures: apps ## Run them, and put tables and figures into docs/applications.md
+	$(BIN)/ukf apps document
 
 formal: $(STAMP) ## Prove the properties of the bus and control logic
 	$(BIN)/python -m ukf_sim.formal

@@ -847,7 +847,8 @@ def test_wrong_studies_are_refused(options, message):
 
 
 #: Median rms of five flights after 25 minutes, degrees, of independent float64 filters with other
-#: seeds: QUEST at the sample and held (over the whole flight), EKF, the papers' UKF.
+#: seeds: QUEST at the sample and held (over the whole flight), EKF, the papers' UKF. Kept here a
+#: second time, so that the catalogue's are not adjusted to what the filters happen to give.
 TABLE = {
     "0.2 s": (5.67, 5.68, 0.421, 0.421),
     "2 s": (5.63, 6.86, 0.730, 0.730),
@@ -860,23 +861,41 @@ TABLE = {
 }
 
 
+def test_bounds_of_the_study_hold_the_reference():
+    for case, row in TABLE.items():
+        for column, value in zip(("quest_sample", "quest_held", "ekf", "ukf_golden"), row):
+            bound = SWAMPSAT_STUDY[case, column]
+            if value is None:
+                assert (bound.measure, bound.reference) == ("diverged", 5)
+            else:
+                assert (bound.measure, bound.reference) == ("median", value)
+                # Wider where errors scatter from flight to flight, and the bound says why.
+                wide = column == "ekf" and case == "60 s"
+                limit = 0.5 if wide else 0.18 if "60 s" in case else 0.1
+                assert bound.high - value < (limit + 1e-3) * value
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TABLE)
+@pytest.mark.parametrize("name", [case.name for case in CASES])
 def test_errors_are_those_of_the_reference(name):
     results = app.run_study([name], range(5), delays=(), losses=(), eclipse=False)
+    verdicts = app.judge(results)
+    assert verdicts
+    assert all(verdict.okay for _, verdict in verdicts), verdicts
+    # Binary32 costs nothing that is seen beside the noise.
     row = results["rows"][0]
-    sample, held, ekf, ukf = TABLE[name]
-    # Of twenty flights with a calibrated bias, medians of any five scatter from 1.95 to 2.41 (10%
-    # to 90%), around 2.07; the first five are 10.2% below the reference's five.
-    bound = 0.15 if name == "60 s calibrated" else 0.1
-    assert row["quest_sample"]["median"] == pytest.approx(sample, rel=0.15)
-    assert row["quest_held"]["median"] == pytest.approx(held, rel=0.1)
-    assert row["ekf"]["median"] == pytest.approx(ekf, rel=bound)
-    for column in ("ukf_reference", "ukf_golden"):
-        if ukf is None:
-            assert row[column]["diverged"] >= 3
-        else:
-            assert row[column]["median"] == pytest.approx(ukf, rel=bound)
+    if not row["ukf_reference"]["diverged"]:
+        assert row["ukf_golden"]["median"] == pytest.approx(
+            row["ukf_reference"]["median"], rel=0.02
+        )
+
+
+@pytest.mark.slow
+def test_delays_cost_what_the_body_turns():
+    results = app.run_study([2], range(3), losses=(), eclipse=False)
+    verdicts = [v for name, v in app.judge(results) if name.startswith("latency")]
+    assert len(verdicts) >= 4
+    assert all(verdict.okay for verdict in verdicts), verdicts
 
 
 @pytest.mark.slow

@@ -38,6 +38,7 @@ REFERENCE = {
     ("nanosat-2014", "y", "rms"): 0.0045,
     ("nanosat-2014", "z", "rms"): 0.0045,
     ("nanosat-2014", "attitude", "maximum"): 0.115,
+    ("swampsat", "attitude", "rms"): 0.730,
     ("pendulum", "angle", "rms"): 0.111,
     ("pendulum", "rate", "rms"): 0.188,
     ("ctrv", "x", "rms"): 0.067,
@@ -153,13 +154,15 @@ def test_simulated_data_fit_their_noise(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_fewer_steps_are_the_beginning_of_more(name):
+    # SwampSat takes the Earth's precession from the middle of the flight.
+    tolerance = 1e-9 if name == "swampsat" else 0.0
     short, long = (CATALOGUE[name].scenario(3, steps) for steps in (10, 60))
     for field in ("times", "inputs", "measurements", "truth", "sampled"):
         a, b = getattr(short, field), getattr(long, field)
         assert (a is None) == (b is None)
         if a is not None:
-            np.testing.assert_array_equal(a, b[:10])
-    np.testing.assert_array_equal(short.x0, long.x0)
+            np.testing.assert_allclose(a, b[:10], rtol=0.0, atol=tolerance)
+    np.testing.assert_allclose(short.x0, long.x0, rtol=0.0, atol=tolerance)
     again = CATALOGUE[name].scenario(3, 10)
     np.testing.assert_array_equal(short.measurements, again.measurements)
 

@@ -1,13 +1,15 @@
 """Applications: commands, records, figures, conversion."""
 
 import json
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.apps import numerics, runner
+from ukf_sim.apps import document, numerics, runner, timing
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
 from ukf_sim.cli import console
 from ukf_sim.cli.apps import apps_app
@@ -68,9 +70,9 @@ def test_run_judges_whole_runs(apps, tmp_path):
         assert verdict["value"] == row["rms"]
         assert row["rms"] == pytest.approx(row["float64_rms"], rel=1e-3)
         assert verdict["origin"]
-    image = tmp_path / record["plot"]
+    image = tmp_path / record["plots"][0]
     assert image.read_bytes().startswith(b"\x89PNG")
-    assert image.stat().st_size > 20_000
+    assert 8_000 < image.stat().st_size < 80_000
 
 
 def test_run_does_not_judge_beginnings(apps):
@@ -93,6 +95,7 @@ def test_seeds_matter(apps):
         (["run", "clock"], "NAME must be one of nanosat, "),
         (["run", "ctrv", "--steps", 501], "steps must be between 1 and 500, not 501"),
         (["numerics", "--document", "none.md"], "--document must be a file, not 'none.md'"),
+        (["document", "--document", "none.md"], "--document must be a file, not 'none.md'"),
         (["convert", "photo", "a", "b"], "KIND must be one of inertial, odometry, not 'photo'"),
     ],
 )
@@ -155,6 +158,130 @@ def test_co_simulations_have_updates(name):
     assert scenario.sampled is None or scenario.sampled.any()
 
 
+def test_entries_are_run_by_several_processes(tmp_path):
+    names = ("pendulum", "ctrv-masked")
+    one, two = (
+        list(runner.run_catalogue("reference", output=tmp_path / str(w), workers=w, names=names))
+        for w in (1, 2)
+    )
+    assert [records[0]["name"] for records in two] == list(names)
+    for key in ("errors", "verdicts", "okay", "runs"):
+        assert [records[0][key] for records in one] == [records[0][key] for records in two]
+    assert (tmp_path / "2" / "pendulum-reference.png").is_file()
+    with pytest.raises(ValueError, match=r"^workers must be at least 1, not 0$"):
+        list(runner.run_catalogue(output=tmp_path, workers=0))
+
+
+@pytest.fixture
+def without_extra(monkeypatch):
+    """The packages of the extra "apps" are not installed."""
+    for module in list(sys.modules):
+        if module.startswith(("ukf_sw.systems.swampsat", "ukf_sim.apps.swampsat")):
+            monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "erfa", None)
+
+
+def test_what_is_not_installed_is_told(apps, without_extra, monkeypatch):
+    row = {row["name"]: row for row in json.loads(apps("list", "--json").stdout)}["swampsat"]
+    assert row["needs"] == "pip install 'ukf-core[apps]'"
+    record = json.loads(apps("run", "swampsat", "--steps", 30, "--json", code=1).stdout)
+    assert record["stopped"] == "erfa is not installed: pip install 'ukf-core[apps]'"
+    assert "erfa is not installed: pip" in apps("swampsat", code=1).stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("nanosat", ["nanosat-golden", "nanosat-figure-12a", "nanosat-figure-12b"]),
+        ("nanosat-2014", ["nanosat-2014-golden", *(f"nanosat-2014-figure-{k}" for k in (1, 6, 7))]),
+    ],
+)
+def test_figures_of_the_papers_are_drawn(apps, name, files):
+    record = json.loads(apps("run", name, "--steps", 1000, "--json").stdout)
+    assert [Path(plot).stem for plot in record["plots"]] == files
+
+
+# The document.
+
+
+def study_of(median=1.0):
+    """A study in which every error is the same."""
+    found = {"median": median, "seeds": [median] * 5, "diverged": 0}
+    columns = ("quest_sample", "quest_held", "ekf", "ukf_reference", "ukf_golden")
+    points = [
+        {"latency_s": 1.0, "loss": 0.0, "age_s": 1.05, "used": 0.5, "naive": found,
+         "compensated": found}
+    ]  # fmt: skip
+    return {
+        "rows": [
+            {"name": name, "interval_s": 2.0} | dict.fromkeys(columns, found)
+            for name in ("2 s", "5 s")
+        ],
+        "platform": {"delays": points, "losses": []},
+        "eclipse": {"sunlit": dict.fromkeys(columns, found), "seeds": [0],
+                    "eclipse": dict.fromkeys(columns, found)},
+        "duration_s": 3000.0, "settled_after_s": 1500.0, "seeds": list(range(5)),
+        "unit": "degrees", "columns": list(columns),
+    }  # fmt: skip
+
+
+def test_studies_are_judged():
+    from ukf_sim.apps.swampsat import judge, study_record
+
+    record = study_record(study_of(1.05))
+    okay = {verdict["error"]: verdict["okay"] for verdict in record["verdicts"]}
+    assert okay["5 s, EKF"]
+    assert okay["5 s, UKF golden"]
+    assert not okay["2 s, UKF golden"]
+    assert not okay["latency 1 s, naive"]
+    assert record["judged"]
+    assert not record["okay"]
+    # A filter that broke off is outside of any bound.
+    (verdict,) = (v for name, v in judge(study_of(None)) if name == "5 s, EKF")
+    assert not verdict.okay
+    short = study_record(study_of() | {"duration_s": 40.0})
+    assert not short["judged"]
+    assert short["okay"]
+
+
+def test_document_is_made_of_results(apps, one_entry, tmp_path):
+    one_entry("pendulum", runs=2)
+    apps("all")
+    folder = tmp_path / "build" / "apps"
+    records = json.loads((folder / "errors.json").read_text())
+    from ukf_sim.apps.swampsat import study_record
+
+    records.append(study_record(study_of()) | {"plots": records[0]["plots"]})
+    (folder / "errors.json").write_text(json.dumps(records))
+    file = tmp_path / "page.md"
+    file.write_text("")
+    assert "swampsat.json: No such file" in apps("document", "--document", file, code=1).stderr
+    (folder / "swampsat.json").write_text(json.dumps(study_of()))
+    names = ("errors", "cosimulations", "timing", "swampsat", "platform")
+    file.write_text("\n".join(f"<!-- BEGIN {name} -->\n<!-- END {name} -->" for name in names))
+    apps("document", "--document", file, "--figures", "figures")
+    text = file.read_text()
+    assert "| [pendulum](#pendulum) | 2 | angle / rad |" in text
+    assert "| 2 s | 5 | 1 (5.63) **missed** |" in text
+    assert "| 1 | 0 % | 1.05 | 50 % | 1 | 1 |" in text
+    assert (tmp_path / "figures" / "pendulum.png").is_file()
+    (tmp_path / records[0]["plots"][0]).unlink()
+    message = "pendulum must have its figure, not without"
+    assert message in apps("document", "--document", file, code=1).stderr
+
+
+def test_timing_adds_up():
+    traffic = timing.Traffic(words=362, control=8, clocks=10_743, cycles=4971, pes=1)
+    assert traffic.microseconds(0) == pytest.approx(3.70 * 15.6 + 21.0)
+    assert traffic.microseconds(4971) == pytest.approx(3.70 * 15.6 + 21.0 + 49.71)
+    # What is kept is what the schedule and the bus say, but for the beginning of a wait.
+    for name, found in timing.load().items():
+        expected = (found.words + found.control) * timing.BUS_CLOCKS + found.cycles
+        assert found.clocks == pytest.approx(expected, rel=0.02), name
+    table = timing.timing_table(timing.load())
+    assert "| total | 660 | 363 | 272 | 228 | 212 | **" in table
+
+
 # Conversion.
 
 
@@ -210,7 +337,7 @@ def test_numerics_fill_the_document(tmp_path):
     )
     file.write_text(f"before\n{marked}\nafter\n")
     made = numerics.tables(["pendulum"], steps=100)
-    numerics.update_document(file, made)
+    document.update_document(file, made)
     text = file.read_text()
     assert text.startswith("before\n<!-- BEGIN formats -->\n\n| application")
     assert text.endswith("<!-- END weights -->\nafter\n")
@@ -224,7 +351,7 @@ def test_numerics_fill_the_document(tmp_path):
     assert len(rows) == 2
     file.write_text("nothing")
     with pytest.raises(ValueError, match=r"^numerics\.md must have the markers <!-- BEGIN formats"):
-        numerics.update_document(file, made)
+        document.update_document(file, made)
 
 
 def test_numerics_say_where_a_core_stops():

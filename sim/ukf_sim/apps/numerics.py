@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,14 +13,12 @@ from ukf_sw.float_format import FORMATS
 from ukf_sw.parameters import Form
 from ukf_sw.scenario import Scenario, run
 
-__all__ = ["Measurement", "measure_formats", "measure_weights", "tables", "update_document"]
+__all__ = ["Measurement", "measure_formats", "measure_weights", "tables"]
 
 FORMAT_NAMES = ("binary16", "bfloat16", "binary32", "binary64")
 WEIGHTS = (0.0, 0.5, 0.9, 0.99)
 #: Steps of each run.
 STEPS = 1200
-
-BEGIN, END = "<!-- BEGIN {} -->", "<!-- END {} -->"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,22 +142,3 @@ def tables(
             cells = " | ".join(str(pair[row]) for pair in pairs)
             points.append(f"| {name} | {label} | {cells} |")
     return {"formats": "\n".join(formats), "weights": "\n".join(points)}
-
-
-def update_document(file: Path, made: dict[str, str]) -> None:
-    """Replace the tables between the markers of a document.
-
-    Raises
-    ------
-    ValueError
-        If a marker is missing.
-    """
-    text = file.read_text(encoding="utf-8")
-    for name, table in made.items():
-        begin, end = BEGIN.format(name), END.format(name)
-        before, found, rest = text.partition(begin)
-        _, found_end, after = rest.partition(end)
-        if not (found and found_end):
-            raise ValueError(f"{file.name} must have the markers {begin} and {end}")
-        text = f"{before}{begin}\n\n{table}\n\n{end}{after}"
-    file.write_text(text, encoding="utf-8")
