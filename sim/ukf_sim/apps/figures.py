@@ -22,7 +22,7 @@ __all__ = ["draw", "draw_errors", "make_figure", "save"]
 #: More points than this are thinned, to the largest error of each stretch: figures stay small.
 POINTS = 800
 #: Resolution, in dots per inch, and colours of an image.
-DOTS, COLOURS = 90, 64
+DOTS, COLOURS = 90, 24
 #: Line styles of the estimates, in order: the second is seen on top of the first.
 STYLES = ({"color": "C0", "linewidth": 1.6}, {"color": "C1", "linewidth": 0.9, "linestyle": "--"})
 

@@ -471,21 +471,28 @@ def table(results: dict[str, Any]) -> list[list[str]]:
 
 # Figures.
 
+#: Colour, marker, line and its width; where curves coincide, the thin ones lie on the thick ones.
 STYLES = {
-    "quest_sample": ("C7", ".", ""),
-    "quest_held": ("C7", "", "-"),
-    "ekf": ("C0", "", "-"),
-    "ukf_reference": ("C1", "", "--"),
+    "quest_held": ("0.75", "", "-", 0.7),
+    "quest_sample": ("C0", ".", "", 0.0),
+    "ekf": ("C0", "", "-", 2.0),
+    "ukf_reference": ("C1", "", "-", 1.2),
 }
 
 
 def _style(column: str) -> dict[str, Any]:
-    color, marker, line = STYLES.get(column, ("C3", "", ":"))
-    return {"color": color, "marker": marker, "linestyle": line, "label": _label(column)}
+    color, marker, line, width = STYLES.get(column, ("k", "", "--", 0.6))
+    return {
+        "color": color, "marker": marker, "linestyle": line, "linewidth": width,
+        "label": _label(column), "zorder": 2.0 + (column == "quest_sample"),
+    }  # fmt: skip
 
 
 def _panels(
-    results: dict[str, Any], draw: Callable[["Axes", dict[str, Any]], None], unit: str, floor: bool
+    results: dict[str, Any],
+    draw: Callable[["Axes", dict[str, Any]], None],
+    unit: str,
+    logarithmic: bool,
 ) -> "Figure":
     """Draw one panel for each case."""
     curves = results["curves"]
@@ -496,7 +503,7 @@ def _panels(
     for k, (name, found) in enumerate(curves.items()):
         draw(axes[k], found)
         axes[k].set_title(name, fontsize=9)
-        if floor:
+        if logarithmic:
             axes[k].set_yscale("log")
         if k % columns == 0:
             axes[k].set_ylabel(unit)
@@ -518,7 +525,7 @@ def _draw_attitude(axes: "Axes", found: dict[str, Any], *, filters: bool) -> Non
         if column.startswith("quest") == filters:
             continue
         minutes = np.array(curve["times"]) / 60.0
-        style = _style(column) | {"linewidth": 0.9, "markersize": 2.0}
+        style = _style(column) | {"markersize": 2.5}
         axes.plot(minutes, np.maximum(_floats(curve["attitude"]), 1e-3), **style)
 
 
@@ -526,7 +533,7 @@ def _draw_bias(axes: "Axes", found: dict[str, Any]) -> None:
     for column, curve in found.items():
         if column.startswith("quest"):
             continue
-        minutes, style = np.array(curve["times"]) / 60.0, _style(column) | {"linewidth": 0.9}
+        minutes, style = np.array(curve["times"]) / 60.0, _style(column)
         bias = np.array([_floats(row) for row in curve["bias"]])
         for axis in range(3):
             label = style["label"] if axis == 0 else None
@@ -543,7 +550,7 @@ def _plot_rms(results: dict[str, Any], file: Path) -> Path:
     for column in results["columns"]:
         medians = _floats([row[column]["median"] for row in rows])
         style = _style(column) | {"marker": "o", "markersize": 4.0}
-        style["linestyle"] = style["linestyle"] or "-."
+        style |= {"linestyle": style["linestyle"] or "-.", "linewidth": style["linewidth"] or 1.0}
         axes.plot(intervals, medians, **style)
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -604,15 +611,15 @@ def plot_study(results: dict[str, Any], folder: Path) -> list[Path]:
     seed = results["seeds"][0]
     files: list[Path] = []
     interval = "by the interval between samples of Sun and field"
-    for name, draw, unit, floor, caption in (
-        ("quest", partial(_draw_attitude, filters=False), "error / degrees", True,
+    for name, draw, unit, logarithmic, caption in (
+        ("quest", partial(_draw_attitude, filters=False), "error / degrees", False,
          f"Attitude error of QUEST {interval}: at each sample, and held until the next (figure 5)"),
         ("filters", partial(_draw_attitude, filters=True), "error / degrees", True,
          f"Attitude error of the filters {interval} (figure 6)"),
         ("bias", _draw_bias, "bias error / (degrees/s)", False,
          f"Error of the estimated gyroscope bias about three axes {interval} (figure 7)"),
     ):  # fmt: skip
-        figure = _panels(results, draw, unit, floor)
+        figure = _panels(results, draw, unit, logarithmic)
         files.append(save(figure, folder / f"swampsat-{name}.png", f"{caption}. Seed {seed}."))
     files.append(_plot_rms(results, folder / "swampsat-rms.png"))
     if "platform" in results:
