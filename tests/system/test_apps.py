@@ -159,7 +159,7 @@ def test_co_simulations_have_updates(name):
 
 
 def test_entries_are_run_by_several_processes(tmp_path):
-    names = ("pendulum", "ctrv-masked")
+    names = ("ctrv", "ctrv-masked")
     one, two = (
         list(runner.run_catalogue("reference", output=tmp_path / str(w), workers=w, names=names))
         for w in (1, 2)
@@ -167,7 +167,7 @@ def test_entries_are_run_by_several_processes(tmp_path):
     assert [records[0]["name"] for records in two] == list(names)
     for key in ("errors", "verdicts", "okay", "runs"):
         assert [records[0][key] for records in one] == [records[0][key] for records in two]
-    assert (tmp_path / "2" / "pendulum-reference.png").is_file()
+    assert (tmp_path / "2" / "ctrv-reference.png").is_file()
     with pytest.raises(ValueError, match=r"^workers must be at least 1, not 0$"):
         list(runner.run_catalogue(output=tmp_path, workers=0))
 
