@@ -354,6 +354,12 @@ def test_numerics_fill_the_document(tmp_path):
         document.update_document(file, made)
 
 
+@pytest.mark.parametrize(("name", "steps"), [("ctrv-masked", 500), ("battery", 600)])
+def test_numerics_take_what_a_scenario_has(name, steps):
+    scenario, errors, _ = numerics._prepare(name, 600)
+    assert scenario.steps == len(errors) == steps
+
+
 def test_numerics_say_where_a_core_stops():
     # The covariance form of CTRV in bfloat16 meets a pivot that is not positive.
     measured = numerics.measure_formats("ctrv", 30)
