@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from ukf_sim.apps import document, numerics, runner, timing
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
+from ukf_sim.apps.swampsat import judge, study_record
 from ukf_sim.cli import console
 from ukf_sim.cli.apps import apps_app
 from ukf_sw import catalogue, data
@@ -226,8 +227,6 @@ def study_of(median=1.0):
 
 
 def test_studies_are_judged():
-    from ukf_sim.apps.swampsat import judge, study_record
-
     record = study_record(study_of(1.05))
     okay = {verdict["error"]: verdict["okay"] for verdict in record["verdicts"]}
     assert okay["5 s, EKF"]
@@ -249,8 +248,6 @@ def test_document_is_made_of_results(apps, one_entry, tmp_path):
     apps("all")
     folder = tmp_path / "build" / "apps"
     records = json.loads((folder / "errors.json").read_text())
-    from ukf_sim.apps.swampsat import study_record
-
     records.append(study_record(study_of()) | {"plots": records[0]["plots"]})
     (folder / "errors.json").write_text(json.dumps(records))
     file = tmp_path / "page.md"

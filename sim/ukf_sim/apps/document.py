@@ -185,7 +185,9 @@ def _platform(platform: dict[str, Any]) -> str:
         "| latency each way / s | lost | mean age / s | replies used | naive | compensated |",
         "|---:|---:|---:|---:|---:|---:|",
     ]
-    for point in (*platform["delays"], *platform["losses"]):
+    # The delay of the losses may be among the others.
+    points = {(p["latency_s"], p["loss"]): p for key in ("delays", "losses") for p in platform[key]}
+    for point in points.values():
         age = "–" if point["age_s"] is None else f"{point['age_s']:.2f}"
         rows.append(
             f"| {point['latency_s']:g} | {100 * point['loss']:g} % | {age} "

@@ -92,6 +92,9 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
     """
     first = next(iter(estimates.values()))
     scenario = first.scenario
+    begin, end = float(first.times[0]), float(first.times[-1])
+    # Where nothing is known about it, a twentieth of the run is taken for the filter to settle.
+    settled_at = entry.settled if np.isfinite(entry.settled) else begin + 0.05 * (end - begin)
     count = len(scenario.error_names)
     figure, panels = make_figure((8.0, 1.4 + 1.5 * count), count, share_x=True)
     thinned = False
@@ -106,7 +109,7 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
             marker = "." if len(times) <= 50 else None
             panel.plot(times, values, label=label, marker=marker, **style)
         panel.set_ylabel(f"{name} / {unit}" if unit else name)
-        settled = first.errors[first.times > entry.settled, k]
+        settled = first.errors[first.times > settled_at, k]
         limit = 1.2 * np.nanmax(np.abs(settled)) if settled.size else 0.0
         # What came before the filter settled may leave the panel.
         if limit > 0.0 and np.isfinite(limit):
