@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.apps import document, numerics, runner, timing
+from ukf_sim.apps import document, numerics, runner, swampsat, timing
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
-from ukf_sim.apps.swampsat import judge, study_record
 from ukf_sim.cli import console
 from ukf_sim.cli.apps import apps_app
 from ukf_sw import catalogue, data
@@ -218,16 +217,22 @@ def study_of(median=1.0):
             {"name": name, "interval_s": 2.0} | dict.fromkeys(columns, found)
             for name in ("2 s", "5 s")
         ],
-        "platform": {"delays": points, "losses": []},
+        "platform": {"delays": points, "losses": [], "interval_s": 2.0, "seeds": [0]},
         "eclipse": {"sunlit": dict.fromkeys(columns, found), "seeds": [0],
                     "eclipse": dict.fromkeys(columns, found)},
+        "curves": {
+            "2 s": {
+                column: {"times": [1.0, 2.0], "attitude": [median] * 2, "bias": [[0.1] * 3] * 2}
+                for column in columns
+            }
+        },
         "duration_s": 3000.0, "settled_after_s": 1500.0, "seeds": list(range(5)),
         "unit": "degrees", "columns": list(columns),
     }  # fmt: skip
 
 
 def test_studies_are_judged():
-    record = study_record(study_of(1.05))
+    record = swampsat.study_record(study_of(1.05))
     okay = {verdict["error"]: verdict["okay"] for verdict in record["verdicts"]}
     assert okay["5 s, EKF"]
     assert okay["5 s, UKF golden"]
@@ -236,19 +241,30 @@ def test_studies_are_judged():
     assert record["judged"]
     assert not record["okay"]
     # A filter that broke off is outside of any bound.
-    (verdict,) = (v for name, v in judge(study_of(None)) if name == "5 s, EKF")
+    (verdict,) = (v for name, v in swampsat.judge(study_of(None)) if name == "5 s, EKF")
     assert not verdict.okay
-    short = study_record(study_of() | {"duration_s": 40.0})
+    short = swampsat.study_record(study_of() | {"duration_s": 40.0})
     assert not short["judged"]
     assert short["okay"]
 
 
-def test_document_is_made_of_results(apps, one_entry, tmp_path):
+def test_study_has_an_exit_code(apps, tmp_path, monkeypatch):
+    monkeypatch.setattr(swampsat, "run_study", lambda **keywords: study_of())
+    result = apps("swampsat", code=1)
+    assert "Outside of its bound: swampsat study" in result.stdout
+    assert json.loads((tmp_path / "build/apps/swampsat.json").read_text()) == study_of()
+    assert (tmp_path / "build/apps/swampsat-platform.png").is_file()
+    monkeypatch.setattr(swampsat, "run_study", lambda **keywords: study_of() | {"seeds": [0]})
+    assert "Not judged" in apps("swampsat", "--seeds", 1).stdout
+
+
+def test_document_is_made_of_results(apps, one_entry, tmp_path, monkeypatch):
+    monkeypatch.setattr(document, "timing_table", lambda measured: "a table")
     one_entry("pendulum", runs=2)
     apps("all")
     folder = tmp_path / "build" / "apps"
     records = json.loads((folder / "errors.json").read_text())
-    records.append(study_record(study_of()) | {"plots": records[0]["plots"]})
+    records.append(swampsat.study_record(study_of()) | {"plots": records[0]["plots"]})
     (folder / "errors.json").write_text(json.dumps(records))
     file = tmp_path / "page.md"
     file.write_text("")
