@@ -219,7 +219,8 @@ def run_all(
                 tell("Applications", k + 1, len(CATALOGUE))
         except SimulatorError as error:
             fail(str(error), 1)
-        if study and "swampsat" in CATALOGUE:
+        flown = (r["name"] == "swampsat" and r["stopped"] is None for r in records)
+        if study and any(flown):
             keep([_fly(output, backend.value, range(seed, seed + 5), workers, tell)])
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(records, indent=2) + "\n"
