@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from ukf_sim.apps.figures import draw_errors
-from ukf_sim.cosimulation import CACHE, Job, cosimulate
+from ukf_sim.cosimulation import CACHE
+from ukf_sim.scenarios import cosimulate_scenario
 from ukf_sim.simulators import Simulator
 from ukf_sw.catalogue import CATALOGUE, Entry, Verdict
 from ukf_sw.driver import Driver
 from ukf_sw.errors import UkfError
 from ukf_sw.filter import Backend
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.parameters import UkfParams
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.scenario import Results, Scenario
 from ukf_sw.scenario import run as run_scenario
@@ -258,39 +259,21 @@ def cosimulate_entry(
     entry = find(name)
     started = time.perf_counter()
     problem = CatalogueProblem(name=name, seed=seed, changes=(("pes", pes),))
-    scenario = problem.scenario(steps)
-    job = Job(
-        params=scenario.params,
-        pipeline=Pipeline(),
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps},
-    )
     tell = progress or (lambda what, done, total: None)
-    outcome = cosimulate(
-        job, simulator, cache=cache,
+    found = cosimulate_scenario(
+        problem.scenario, steps, simulator=simulator, cache=cache,
         progress=lambda phase, done: tell(f"{name}: {phase}", done, steps),
     )  # fmt: skip
-    found = outcome.result
-    x = found["x"]
+    simulated = found.results
+    count = 0 if simulated is None else len(simulated.times)
     record: dict[str, Any] = {
         "name": name, "doc": entry.doc, "source": entry.source, "backend": "cosim", "seed": seed,
-        "runs": 1, "steps": len(x), "settled": None, "stopped": found["stopped"], "errors": [],
-        "judged": False, "verdicts": [], "plot": None, "mismatch": found["mismatch"],
-        "words_compared": found["words_compared"],
-        "cycles": found["cycles"][-1] if found["cycles"] else {},
+        "runs": 1, "steps": count, "settled": None, "stopped": found.stopped, "errors": [],
+        "judged": False, "verdicts": [], "plot": None, "mismatch": found.mismatch,
+        "words_compared": found.words_compared, "cycles": found.cycles, "okay": found.okay,
     }  # fmt: skip
-    record["okay"] = found["mismatch"] is None and found["stopped"] is None and len(x) == steps
-    if len(x):
-        count = len(x)
-        simulated = Results(
-            scenario=scenario,
-            times=scenario.times[:count],
-            x=x,
-            errors=scenario.error(x, scenario.truth[:count]),
-            nis=np.full(count, np.nan),
-            gated=np.zeros(count, dtype=np.bool_),
-        )
-        reference = run_scenario(scenario, steps=count)
+    if simulated is not None:
+        reference = run_scenario(simulated.scenario, steps=count)
         record["errors"] = _describe_errors(entry, [simulated], [reference], -np.inf)
         if output is not None:
             estimates = {"core, simulated": simulated, "float64 reference": reference}
