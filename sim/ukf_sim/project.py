@@ -40,7 +40,10 @@ def check_name(name: str) -> None:
         )
     if keyword.iskeyword(name):
         raise ValueError(f"The name must not be a word of Python's, not {name!r}")
-    if name == "tests" or name in sys.stdlib_module_names or find_spec(name) is not None:
+    found = find_spec(name)
+    # Without an origin it is a mere folder, such as the empty one that is to be filled.
+    taken = found is not None and found.origin is not None
+    if name == "tests" or name in sys.stdlib_module_names or taken:
         raise ValueError(f"The name must not be that of another Python package, not {name!r}")
 
 

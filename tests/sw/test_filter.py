@@ -159,6 +159,12 @@ BAD_MODELS = [
     (returns("abc"), TypeError, "must return real numbers, at sigma point 0, not 'abc'"),
     (returns([1j] * 3), TypeError, "must return real numbers, at sigma point 0, not [1j, 1j, 1j]"),
     (returns([[1], [1, 2]]), TypeError, "must return an array of numbers, at sigma point 0"),
+    (returns(np.array([1.0, None, 2.0])), TypeError, "must return real numbers, at sigma point 0"),
+    (returns(1.0), ValueError, "must return the shape ({0},), at sigma point 0, not ()"),
+    (returns([[1.0], [2.0], [3.0]]), ValueError,
+     "must return the shape ({0},), at sigma point 0, not (3, 1)"),
+    (breaks_at(3, np.zeros(3), None), TypeError,
+     "must return real numbers, at sigma point 3, not None"),
     (breaks_at(4, np.zeros(3), [0.0, np.nan, 0.0]), ValueError,
      "must return finite numbers, at sigma point 4, not nan in row 1"),
     (breaks_at(8, np.zeros(3), [np.inf, 0.0, 0.0]), ValueError,
@@ -189,10 +195,19 @@ def test_wrong_results_of_the_observation_model_are_named(ukf):
     assert estimate(ukf) == before
 
 
-def test_wrong_results_of_vectorized_models_are_named():
-    ukf = make(f=lambda x, w, u: x[:2], vectorized=True)
-    with pytest.raises(ValueError, match=r"shape \(3, 9\), one column a sigma point, not \(2, 9\)"):
-        ukf.predict()
+@pytest.mark.parametrize(
+    ("model", "shape"),
+    [
+        (lambda x, w, u: x[:2], "(2, 9)"),
+        (lambda x, w, u: x.T, "(9, 3)"),
+        (lambda x, w, u: x.sum(axis=1), "(3,)"),
+        (lambda x, w, u: x[:, :1], "(3, 1)"),
+    ],
+)
+def test_wrong_results_of_vectorized_models_are_named(model, shape):
+    text = "process model f (<lambda>) must return the shape (3, 9), one column a sigma point, not "
+    with pytest.raises(ValueError, match="^" + re.escape(text + shape)):
+        make(f=model, vectorized=True).predict()
 
 
 def test_what_a_model_raises_names_the_sigma_point(ukf):
