@@ -386,17 +386,16 @@ def test_partial_functions_have_the_name_of_their_function():
 
 
 def test_rounding_of_vectorized_models_is_no_mixing():
-    """Matrix products are rounded differently for two columns than for all; and may cancel."""
-    rng = np.random.default_rng(3)
-    A = rng.standard_normal((3, 300))
-    B = rng.standard_normal((300, 3)) * 1e3
+    """Libraries may sum in another order when there are fewer columns; and sums may cancel."""
 
     def f(x, w, u):
-        y = A @ (B @ x)
-        return x + 1e-6 * np.array([y[0], y[1] - (A @ B)[1] @ x, y[2]])
+        terms = np.array([0.1, 0.2, 0.3, -0.6])[:, None] * x[0]
+        zero = sum(terms if x.shape[1] == 9 else terms[::-1])
+        assert np.abs(zero).max() > 0.0
+        return np.array([x[0], zero, x[2]])
 
     ukf = make(f=f, vectorized=True)
-    for _ in range(8):
+    for _ in range(2):
         ukf.predict()
 
 
