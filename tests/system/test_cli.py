@@ -40,7 +40,7 @@ def ukf(tmp_path, monkeypatch):
 
 def test_help_names_the_commands(ukf):
     text = ukf("--help").stdout
-    for command in ("generate", "cosim", "run", "latency"):
+    for command in ("generate", "cosim", "run", "latency", "new"):
         assert command in text
 
 
