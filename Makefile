@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme docs lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -53,8 +53,12 @@ mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
 	$(BIN)/python -m ukf_sim.resources
 
-readme: $(STAMP) ## Refresh the generated tables of the README
+readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
 	$(BIN)/python -m ukf_sim.readme
+	$(BIN)/python -m ukf_sim.pages
+
+docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .

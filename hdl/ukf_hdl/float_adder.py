@@ -84,26 +84,42 @@ class FloatAdder(FloatUnit):
         places, but are exact.
         """
         pipeline = CutPoints(m, self._stages, _TWO_PATH_CUTS)
-        fmt = self._fmt
-        fraction_bits, exponent_bits, precision = (
-            fmt.fraction_bits,
-            fmt.exponent_bits,
-            fmt.precision,
-        )
         order = self._elaborate_order(m)
-        fraction_a, swap, _, shift, _, exponent, sign, subtract, zero_sign, infinities = order
-        exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
-        fraction_b = self.b[:fraction_bits]
+        _, swap, _, shift, _, exponent, sign, subtract, zero_sign, infinities = order
+        near, may_be_near = self._elaborate_near_difference(m, swap, shift, subtract)
+        aligned, large, any_nan = self._elaborate_far_alignment(m, order)
+        (
+            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
+            infinities, any_nan,
+        ) = pipeline.cut(
+            "aligned", aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
+            infinities, any_nan,
+        )  # fmt: skip
+        one_less = Signal(self._fmt.exponent_bits)
+        m.d.comb += one_less.eq(exponent - 1)
+        far, far_last = self._elaborate_far_sum(m, aligned, large, subtract)
+        near_result = self._elaborate_near_normalisation(m, near, may_be_near, swap, one_less)
+        pipeline.output(
+            self.sum,
+            self._elaborate_selection(
+                m, far, far_last, near_result, exponent, one_less, sign, subtract, zero_sign,
+                infinities, any_nan,
+            ),
+        )  # fmt: skip
 
-        # Near path, first half. The difference of the exponents is known from two bits of each.
-        # Where it is zero, the difference of the operands may be negative; then one less than it is
-        # made, and complemented.
+    def _elaborate_near_difference(self, m, swap, shift, subtract):
+        """Near path: subtract operands whose exponents differ by at most one.
+
+        The difference of the exponents is known from two bits of each. Where it is zero, the
+        difference of the operands may be negative; then one less than it is made, and complemented.
+        """
+        fraction_bits, precision = self._fmt.fraction_bits, self._fmt.precision
+        exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
+        full_a = Cat(self.a[:fraction_bits], Const(1, 1))
+        full_b = Cat(self.b[:fraction_bits], Const(1, 1))
         near_difference = Signal(2)
         minuend = Signal(precision + 1)
         subtrahend = Signal(precision + 1)
-        near = Signal(precision + 1)
-        near_wide = Signal(precision + 2)
-        full_a, full_b = Cat(fraction_a, Const(1, 1)), Cat(fraction_b, Const(1, 1))
         m.d.comb += near_difference.eq(exponent_a[:2] - exponent_b[:2])
         with m.Switch(near_difference):
             with m.Case(0):
@@ -112,13 +128,12 @@ class FloatAdder(FloatUnit):
                 m.d.comb += [minuend.eq(full_a << 1), subtrahend.eq(full_b)]
             with m.Default():
                 m.d.comb += [minuend.eq(full_b << 1), subtrahend.eq(full_a)]
+        near = Signal(precision + 1)
+        near_wide = Signal(precision + 2)
+        may_be_near = Signal()
         m.d.comb += [
             near_wide.eq(Cat(~swap, minuend) + Cat(~swap, ~subtrahend)),
             near.eq(near_wide[1:]),
-        ]
-        may_be_near = Signal()
-        any_nan = Signal()
-        m.d.comb += [
             may_be_near.eq(
                 subtract
                 & (shift < 2)
@@ -127,24 +142,29 @@ class FloatAdder(FloatUnit):
                 & ~exponent_a.all()
                 & ~exponent_b.all()
             ),
-            any_nan.eq(
-                (exponent_a.all() & fraction_a.any()) | (exponent_b.all() & fraction_b.any())
-            ),
         ]
+        return near, may_be_near
 
-        # Far path, first half. The order does not matter where the exponents are equal.
+    def _elaborate_far_alignment(self, m, order):
+        """Far path: shift the smaller operand. Equal exponents need no order of the fractions."""
+        fraction_bits = self._fmt.fraction_bits
+        fraction_a, exponent_a = self.a[:fraction_bits], self.a[fraction_bits:-1]
+        fraction_b, exponent_b = self.b[:fraction_bits], self.b[fraction_bits:-1]
+        any_nan = Signal()
+        m.d.comb += any_nan.eq(
+            (exponent_a.all() & fraction_a.any()) | (exponent_b.all() & fraction_b.any())
+        )
         large = Mux(exponent_b > exponent_a, fraction_b, fraction_a)
         aligned, *_ = self._elaborate_alignment(m, fraction_a, Const(0, 1), *order[2:])
-        (
-            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
-            infinities, any_nan,
-        ) = pipeline.cut(
-            "aligned", aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
-            infinities, any_nan,
-        )  # fmt: skip
+        return aligned, large, any_nan
 
-        # Far path, second half. All that is below the last place of the larger operand comes from
-        # the smaller one, so the sum or that plus one, in the last place, is the rounded one.
+    def _elaborate_far_sum(self, m, aligned, large, subtract):
+        """Far path: add and round.
+
+        All that is below the last place of the larger operand comes from the smaller one, so the
+        sum or that plus one, in the last place, is the rounded one.
+        """
+        precision = self._fmt.precision
         first = Cat(large, Const(1, 2))
         second = Cat(aligned[3:], Const(0, 1)) ^ subtract.replicate(precision + 1)
         plain = Signal(precision + 1)
@@ -165,81 +185,88 @@ class FloatAdder(FloatUnit):
         carry, normal = plain[-1] & ~subtract, plain[-2]
         up = Signal()
         up_carry, up_normal, up_left = Signal(), Signal(), Signal()
+        far = Signal(precision + 1)
+        far_last = Signal()
         m.d.comb += [
             up_carry.eq(plain[0] & (plain[1] | below.any())),
             up_normal.eq(below[2] & (plain[0] | below[:2].any())),
             up_left.eq(below[2] & below[1] & (below[0] | below[2])),
             up.eq(exact_difference | Mux(carry, up_carry, Mux(normal, up_normal, up_left))),
-        ]
-        far = Signal(precision + 1)
-        far_last = Signal()
-        m.d.comb += [
             far.eq(Mux(up, plus_one, plain)),
             # The place below, needed where the difference moves to the left. Rounded up it is 0 if
             # it was 1, and 1 if it was 0.
             far_last.eq(below[2] ^ (below[1] & (below[0] | below[2]))),
         ]
+        return far, far_last
 
-        # Near path, second half.
+    def _elaborate_near_normalisation(self, m, near, may_be_near, swap, one_less):
+        """Near path: shift the leading one to the top.
+
+        The exponent is that of the larger operand, minus one (`one_less`), minus the shift. Its
+        upper bits are found for either borrow before the last digit of the shift is known.
+        """
+        precision, exponent_bits = self._fmt.precision, self._fmt.exponent_bits
         is_near = Signal()
         magnitude = Signal(precision)
         m.d.comb += [
             magnitude.eq(near[:-1] ^ swap.replicate(precision)),
             is_near.eq(may_be_near & ~(near[-1] ^ swap)),
         ]
-        sixteens, fours, near_is_zero = normalisation_digits(m, magnitude)
+        sixteens, fours, is_zero = normalisation_digits(m, magnitude)
         partly = shift_left_digit(m, magnitude, sixteens, 16)
         coarsely = shift_left_digit(m, partly, fours, 4)
         ones = leading_units_digit(m, coarsely)
         normalised = shift_left_digit(m, coarsely, ones, 1)
-        # The exponent is that of the larger operand, minus one, minus the shift. Its upper bits
-        # are found for either borrow before `ones` is known.
-        one_less = Signal(exponent_bits)
-        upper_bits = exponent_bits - 2
         coarse = Cat(fours, sixteens)
-        upper = Signal(upper_bits)
-        upper_less = Signal(upper_bits)
+        upper = Signal(exponent_bits - 2)
+        upper_less = Signal(exponent_bits - 2)
         borrow = Signal()
-        near_exponent = Signal(exponent_bits)
-        near_underflow = Signal()
+        exponent = Signal(exponent_bits, name="near_exponent")
+        underflow = Signal(name="near_underflow")
         m.d.comb += [
-            one_less.eq(exponent - 1),
             upper.eq(one_less[2:] - coarse),
             upper_less.eq((Cat(Const(0, 1), one_less[2:]) - Cat(Const(1, 1), coarse))[1:]),
             borrow.eq(one_less[:2] < ones),
-            near_exponent.eq(Cat((one_less[:2] - ones)[:2], Mux(borrow, upper_less, upper))),
+            exponent.eq(Cat((one_less[:2] - ones)[:2], Mux(borrow, upper_less, upper))),
             # The exponent is at most zero: at least as many places to shift as it has left.
-            near_underflow.eq(
+            underflow.eq(
                 (one_less[2:] < coarse) | ((one_less[2:] == coarse) & (one_less[:2] <= ones))
             ),
         ]
+        return is_near, normalised, exponent, is_zero, underflow
 
-        # Special results keep the exponent of the larger operand: all zeros or all ones. They are
-        # never near.
+    def _elaborate_selection(
+        self, m, far, far_last, near_result, exponent, one_less, sign, subtract, zero_sign,
+        infinities, any_nan,
+    ):  # fmt: skip
+        """Take one of the paths, or a special result.
+
+        Special results keep the exponent of the larger operand: all zeros or all ones. They are
+        never near.
+        """
+        fmt = self._fmt
+        is_near, normalised, near_exponent, near_is_zero, near_underflow = near_result
         both_zero = Signal()
         infinite = Signal()
         nan = Signal()
         special = Signal()
-        m.d.comb += [
-            both_zero.eq(exponent == 0),
-            infinite.eq(exponent.all()),
-            nan.eq(infinite & (any_nan | (infinities & subtract))),
-            special.eq(both_zero | infinite),
-        ]
-
-        # Select. Clearing comes last: it becomes the reset of the output register.
         far_carry = Signal()
         far_normal = Signal()
         overflow = Signal()
         path = Signal(2)
         m.d.comb += [
+            both_zero.eq(exponent == 0),
+            infinite.eq(exponent.all()),
+            nan.eq(infinite & (any_nan | (infinities & subtract))),
+            special.eq(both_zero | infinite),
             far_carry.eq(far[-1] & ~subtract & ~special),
             far_normal.eq(far[-2] | special),
             overflow.eq(far_carry & (exponent == fmt.max_exponent_field - 1)),
             path.eq(Mux(is_near, 0, Mux(far_carry, 1, Mux(far_normal, 2, 3)))),
         ]
-        result_fraction = Signal(fraction_bits)
-        result_exponent = Signal(exponent_bits)
+        # Clearing comes last: it becomes the reset of the output register.
+        result_fraction = Signal(fmt.fraction_bits)
+        result_exponent = Signal(fmt.exponent_bits)
         result_sign = Signal()
         m.d.comb += [
             result_fraction.eq(
@@ -260,7 +287,7 @@ class FloatAdder(FloatUnit):
             m.d.comb += result_fraction[-1].eq(1)
         with m.If(is_near & (near_is_zero | near_underflow)):
             m.d.comb += result_exponent.eq(0)
-        pipeline.output(self.sum, Cat(result_fraction, result_exponent, result_sign))
+        return Cat(result_fraction, result_exponent, result_sign)
 
     def _elaborate_single_path(self, m):
         """Align, add, normalise and round, one after the other: slower, but smaller."""

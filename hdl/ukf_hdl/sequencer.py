@@ -1,10 +1,10 @@
-"""Sequencer: fetches control words."""
+"""Sequencer: gives the control words of a program."""
 
-from amaranth import Module, Mux, Signal, unsigned
+from amaranth import Module, Mux, Signal
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.unpacker import Unpacker
 from ukf_sw.engine.programs import Program
 
 __all__ = ["Sequencer", "control_layout"]
@@ -18,11 +18,11 @@ def control_layout(control_format):
 
 
 class Sequencer(wiring.Component):
-    """Fetches a program's control words, one a clock, from the second clock after its start.
+    """Gives a program's control words, one a clock, from the second clock after its start.
 
-    On the clock of :py:`start` the address of the first word goes to the program memory; the word
-    is in the memory's output register one clock later, and is executed on the clock after that.
-    The clock after the last word has :py:`done`.
+    On the clock of :py:`start` the addresses of the first packets go to the program memories; the
+    first word is unpacked one clock later, and executed on the clock after that. The clock after
+    the last word has :py:`done`.
 
     When there is no word to execute, the word is zero, which does nothing. :py:`stop` ends the
     program: the word of its clock is the last to be executed. A start while a program runs is not
@@ -62,42 +62,26 @@ class Sequencer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        code = self._microcode
-        memory = Memory(
-            shape=unsigned(code.format.width), depth=max(len(code.words), 2),
-            init=code.words,
-        )  # fmt: skip
-        m.submodules.program_memory = memory
-        read = memory.read_port()
-
-        following = Signal(range(len(code.words) + 2))  # address after the one being fetched
-        fetching = Signal()  # addresses go to the memory
-        fetched = Signal()  # the memory's output register holds a word
-        execute = Signal()  # so does the word register
+        running = Signal()  # the unpackers give a word
+        execute = Signal()  # the register has one
         ends = Signal()
-
+        m.d.comb += ends.eq(execute & self.word.last)
         with m.If(self.start):
-            with m.Switch(self.program):
-                for program in Program:
-                    with m.Case(program):
-                        m.d.comb += read.addr.eq(code.entry[program])
-        with m.Else():
-            m.d.comb += read.addr.eq(following)
-        m.d.comb += [
-            read.en.eq(self.start | fetching),
-            ends.eq(execute & self.word.last),
-        ]
-        with m.If(read.en):
-            m.d.sync += following.eq(read.addr + 1)
-        m.d.sync += [
-            fetched.eq(self.start | fetching),
-            execute.eq(fetched),
-            self.word.eq(Mux(fetched, read.data, 0)),
-            self.done.eq(ends & ~self.stop),
-        ]
-        with m.If(self.start):
-            m.d.sync += fetching.eq(1)
+            m.d.sync += running.eq(1)
+        m.d.sync += [execute.eq(running), self.done.eq(ends & ~self.stop)]
         with m.If(ends | self.stop):
-            m.d.sync += [fetching.eq(0), fetched.eq(0), execute.eq(0), self.word.eq(0)]
-        m.d.comb += self.busy.eq(fetching | fetched | execute | self.done)
+            m.d.sync += [running.eq(0), execute.eq(0)]
+
+        for half, stream in self._microcode.streams.items():
+            m.submodules[half.name] = unpacker = Unpacker(stream)
+            m.d.comb += [
+                unpacker.start.eq(self.start),
+                unpacker.program.eq(self.program),
+                unpacker.run.eq(running),
+            ]
+            for name in half.fields:
+                m.d.sync += self.word[name].eq(Mux(running, unpacker.word[name], 0))
+        with m.If(ends | self.stop):
+            m.d.sync += self.word.eq(0)
+        m.d.comb += self.busy.eq(running | execute | self.done)
         return m

@@ -6,7 +6,7 @@ import numpy as np
 
 from ukf_sim.configurations import Problem
 from ukf_sim.cosimulation import Job, Outcome
-from ukf_sim.running import accuracy
+from ukf_sim.running import Track, accuracy
 from ukf_sim.simulators import Simulator
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
@@ -120,5 +120,5 @@ def cosimulation_record(
         "compiled": outcome.build.compiled,
         "build_seconds": outcome.build.seconds,
         "simulation_seconds": outcome.seconds,
-        "accuracy": accuracy(problem.scenario(steps), observed["x"], reference),
+        "accuracy": accuracy(Track(problem.scenario(steps), observed["x"], reference)),
     }

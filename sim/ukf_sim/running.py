@@ -1,7 +1,7 @@
 """Running filters on problems, up to the first error, and judging the estimates."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from ukf_sw.reference import ReferenceUkf
 from ukf_sw.registers import ErrorCode
 from ukf_sw.scenario import Scenario
 
-__all__ = ["accuracy", "describe", "iterate", "make_backend", "run_problem"]
+__all__ = ["Track", "accuracy", "describe", "iterate", "make_backend", "run_problem"]
 
 #: The filter has settled by then, in seconds of a nanosatellite.
 SETTLED = 1.0
@@ -153,8 +153,8 @@ def run_problem(
     return {"x": x, "stopped": stopped, "last_x": backend.state()}
 
 
-def accuracy(scenario: Scenario, x: Array, reference: Array | None = None) -> dict[str, Any]:
-    """Judge estimates.
+class Track(NamedTuple):
+    """What a filter made of a scenario.
 
     Parameters
     ----------
@@ -163,7 +163,21 @@ def accuracy(scenario: Scenario, x: Array, reference: Array | None = None) -> di
     x
         Estimates of its first steps, shape (K, n).
     reference
-        Estimates of the float64 reference, shape (K or more, n).
+        Estimates of the float64 reference, shape (K or more, n), or None.
+    """
+
+    scenario: Scenario
+    x: Array
+    reference: Array | None = None
+
+
+def accuracy(*tracks: Track) -> dict[str, Any]:
+    """Judge estimates; those of several runs as if they were one.
+
+    Parameters
+    ----------
+    tracks
+        Runs of one kind of scenario.
 
     Returns
     -------
@@ -172,37 +186,46 @@ def accuracy(scenario: Scenario, x: Array, reference: Array | None = None) -> di
         steps below 0.1 degrees; ratios and differences to the reference. All of it over the steps
         after 1 s, or over all if there are none. Empty if there is no estimate.
     """
-    count = len(x)
-    if not count:
+    tracks = tuple(track for track in tracks if len(track.x))
+    if not tracks:
         return {}
-    times = scenario.times[:count]
-    settled = times > SETTLED
+    settled = [track.scenario.times[: len(track.x)] > SETTLED for track in tracks]
     since = SETTLED
-    if not settled.any():
-        settled[:], since = True, 0.0
-    errors = scenario.error(x, scenario.truth[:count])[settled]
+    if not any(part.any() for part in settled):
+        settled, since = [np.ones_like(part) for part in settled], 0.0
+
+    def errors_of(estimates: Callable[[Track], Array]) -> Array:
+        return np.concatenate([
+            track.scenario.error(estimates(track), track.scenario.truth[: len(track.x)])[part]
+            for track, part in zip(tracks, settled, strict=True)
+        ])  # fmt: skip
+
+    scenario = tracks[0].scenario
+    names, units = scenario.error_names, scenario.error_units
+    errors = errors_of(lambda track: track.x)
     rms = np.sqrt(np.mean(errors**2, axis=0))
     result: dict[str, Any] = {
         "since": since,
-        "steps": int(settled.sum()),
-        "units": dict(zip(scenario.error_names, scenario.error_units, strict=True)),
-        "rms": dict(zip(scenario.error_names, rms.tolist(), strict=True)),
-        "maximum": dict(
-            zip(scenario.error_names, np.abs(errors).max(axis=0).tolist(), strict=True)
-        ),
+        "steps": len(errors),
+        "units": dict(zip(names, units, strict=True)),
+        "rms": dict(zip(names, rms.tolist(), strict=True)),
+        "maximum": dict(zip(names, np.abs(errors).max(axis=0).tolist(), strict=True)),
     }
-    if scenario.error_units[0] == "degrees":
+    if units[0] == "degrees":
         result["below_0.1_degrees"] = float(np.mean(errors[:, 0] < LIMIT))
-    if reference is not None:
-        other = scenario.error(reference[:count], scenario.truth[:count])[settled]
+    if all(track.reference is not None for track in tracks):
+        other = errors_of(lambda track: track.reference[: len(track.x)])
         other_rms = np.sqrt(np.mean(other**2, axis=0))
-        difference = np.abs(x - reference[:count])[settled]
+        differences = [
+            np.abs(track.x - track.reference[: len(track.x)])[part].max(initial=0.0)
+            for track, part in zip(tracks, settled, strict=True)
+        ]
         result["reference"] = {
-            "rms": dict(zip(scenario.error_names, other_rms.tolist(), strict=True)),
+            "rms": dict(zip(names, other_rms.tolist(), strict=True)),
             # Of the first error, for attitudes the total one.
             "rms_ratio": float(rms[0] / other_rms[0]) if other_rms[0] > 0.0 else None,
-            "largest_difference_of_x": float(difference.max()),
+            "largest_difference_of_x": float(max(differences)),
         }
-        if scenario.error_units[0] == "degrees":
+        if units[0] == "degrees":
             result["reference"]["below_0.1_degrees"] = float(np.mean(other[:, 0] < LIMIT))
     return result

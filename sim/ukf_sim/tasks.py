@@ -1,6 +1,7 @@
 """Tasks for the process of the simulator: what runs on the core."""
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -11,8 +12,9 @@ from ukf_sim.cosimulation import Context
 from ukf_sim.lockstep import MismatchError
 from ukf_sim.running import describe, iterate
 from ukf_sw.errors import StepError
+from ukf_sw.scenario import Scenario
 
-__all__ = ["run_problem"]
+__all__ = ["run_problem", "run_scenario"]
 
 #: Regions that are compared after every step; the others are compared at the beginning and at the
 #: end, because the driver reads them rarely.
@@ -20,14 +22,21 @@ OFTEN = ("X", "x", "L")
 
 
 def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, Any]:
-    """Run a filter on an estimation problem, compared with the golden model in lockstep.
+    """Run a problem of the command line; see :func:`run_scenario`."""
+    return run_scenario(context, make=problem.scenario, steps=steps)
+
+
+def run_scenario(
+    context: Context, *, make: Callable[[int], Scenario], steps: int
+) -> dict[str, Any]:
+    """Run a filter on a scenario, compared with the golden model in lockstep.
 
     Parameters
     ----------
     context
         The core.
-    problem
-        The problem.
+    make
+        Makes the scenario of so many steps.
     steps
         How many steps.
 
@@ -36,13 +45,16 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
     dict
         ``mismatch``, what differed first, or None; ``stopped``, the error of the core that ended
         the run, or None; ``words_compared``; ``x``, the estimates, and ``last_x``, the one that
-        could be read at the end; ``P``; ``first_cycles``, of INIT, and ``cycles`` of the steps of
-        each iteration; ``traffic`` in words and ``clocks`` of each iteration; ``seconds``.
+        could be read at the end; ``nis``, NaN where nothing was sampled, and ``gated`` of each
+        step; ``P``; ``first_cycles``, of INIT, and ``cycles`` of the steps of each iteration;
+        ``traffic`` in words and ``clocks`` of each iteration; ``seconds``.
     """
-    scenario = problem.scenario(steps)
+    scenario = make(steps)
     bus = context.lockstep
     bench = context.bench
     x: list[np.ndarray] = []
+    nis: list[float] = []
+    gated: list[bool] = []
     cycles: list[dict[str, int]] = []
     traffic: list[dict[str, int]] = []
     clocks: list[dict[str, int]] = []
@@ -61,6 +73,9 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
             driver.last_cycles.clear()
             for k in iterate(ukf, scenario, steps):
                 x.append(ukf.x)
+                sampled = scenario.sampled is None or bool(scenario.sampled[k].any())
+                nis.append(ukf.nis if sampled and ukf.nis is not None else np.nan)
+                gated.append(sampled and ukf.gated)
                 cycles.append(dict(driver.last_cycles))
                 traffic.append(asdict(driver.traffic - before[0]))
                 clocks.append({
@@ -85,6 +100,8 @@ def run_problem(context: Context, *, problem: Problem, steps: int) -> dict[str, 
     return result | {
         "words_compared": bus.words_compared,
         "x": np.array(x).reshape(-1, scenario.params.n),
+        "nis": np.array(nis[: len(x)]),
+        "gated": np.array(gated[: len(x)], dtype=np.bool_),
         "cycles": cycles,
         "traffic": traffic,
         "clocks": clocks,

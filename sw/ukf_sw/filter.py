@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
-from ukf_sw.models import ObservationModel, ProcessModel, evaluate, wrap
+from ukf_sw.models import CheckedModel, ObservationModel, ProcessModel, wrap
 from ukf_sw.parameters import Form, UkfParams
 from ukf_sw.reference import ReferenceUkf
 
@@ -220,12 +220,16 @@ class UnscentedKalmanFilter:
             for index in angles:
                 if not 0 <= index < size:
                     raise ValueError(f"{name} must be between 0 and {size - 1}, not {index!r}")
-        self._f = f
-        self._h = h
+        self._f = CheckedModel(
+            f, role="process model f", noise="w", rows=params.n, vectorized=vectorized,
+            angles=tuple(state_angles),
+        )  # fmt: skip
+        self._h = CheckedModel(
+            h, role="observation model h", noise="v", rows=params.m, vectorized=vectorized,
+            angles=tuple(observation_angles),
+        )  # fmt: skip
         self._params = params
-        self._vectorized = vectorized
         self._redraws = params.additive_q > 0 if redraw is None else redraw
-        self._state_angles = tuple(state_angles)
         self._observation_angles = tuple(observation_angles)
         self._x0 = _vector(x0, "x0", params.n)
         self._P0 = _covariance(P0, "P0", params.n, definite=self._needs_definite)
@@ -409,17 +413,11 @@ class UnscentedKalmanFilter:
         Raises
         ------
         TypeError, ValueError
-            If f returns what it must not.
+            If f does what it must not; see :mod:`ukf_sw.models`.
         UkfError
             If a step fails.
         """
-        p = self._params
-        points = self._draw()
-        results = evaluate(
-            self._f, "process model f", points, self._points_W, p.n,
-            arguments=(u,), keywords=arguments, vectorized=self._vectorized,
-            angles=self._state_angles,
-        )  # fmt: skip
+        results = self._f(self._draw(), self._points_W, (u,), arguments)
         self._transformed = self._ask(self._backend.predict, results)
         self._last_x = self._last_P = None
         if self._redraws:
@@ -477,7 +475,7 @@ class UnscentedKalmanFilter:
         Raises
         ------
         TypeError, ValueError
-            If z or mask is wrong, or if h returns what it must not.
+            If z or mask is wrong, or if h does what it must not; see :mod:`ukf_sw.models`.
         UkfError
             If a step fails.
         """
@@ -490,11 +488,7 @@ class UnscentedKalmanFilter:
         if not np.isfinite(observation).all():
             raise ValueError(f"z must be finite where sampled, not {np.asarray(z).tolist()!r}")
         points = self._transformed if self._transformed is not None else self._draw()
-        results = evaluate(
-            self._h, "observation model h", points, self._points_V, p.m,
-            keywords=arguments, vectorized=self._vectorized, angles=self._observation_angles,
-            used_rows=used,
-        )  # fmt: skip
+        results = self._h(points, self._points_V, keywords=arguments, used_rows=used)
         for row in self._observation_angles:
             if used[row]:
                 observation[row] = wrap(observation[row], results[row, 0])

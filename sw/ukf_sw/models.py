@@ -17,20 +17,35 @@ column for each sigma point: x (n, N), w (q, N), v (r, N), results (n, N) and (m
 indexes rows only (``x[0] + x[1]``) works both ways.
 
 Angles are wrapped relative to sigma point 0, so that no mean is taken across the cut at +-pi.
+
+A model must be a function in the mathematical sense: equal arguments give equal results, and the
+arguments stay as they are. Kind, shape and NaN of the results and changed arguments are looked for
+in every call. Whether equal arguments give equal results is looked at in the first, second, fourth,
+eighth, ... call of a filter: it sends two sigma points through the model again. A vectorized model
+gets those two alone, in another order, so one that mixes columns is found as well.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ObservationModel", "ProcessModel", "evaluate", "wrap"]
+__all__ = ["CheckedModel", "ObservationModel", "ProcessModel", "wrap"]
 
 ProcessModel = Callable[..., ArrayLike]
 ObservationModel = Callable[..., ArrayLike]
 
+Array = NDArray[np.float64]
+
 TURN = 2.0 * np.pi
+
+#: Sigma points that are sent through a model again. Every filter has them, they differ in every row
+#: with uncertainty, and the mean of the two is not that of all.
+PROBES = [2, 0]
+#: Sums of vectorized models may be rounded in another way for another number of columns. Allowed
+#: are these parts of the largest result of the row, and of all, which may have cancelled.
+ROW_TOLERANCE, TOLERANCE = 1e-9, 1e-12
 
 
 def wrap(
@@ -53,88 +68,172 @@ def wrap(
     return angles - TURN * np.round((angles - reference) / TURN)
 
 
-def _check(result: object, name: str, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
-    """Check the kind and the shape of what a model returned."""
-    try:
-        array = np.asarray(result)
-    except ValueError as error:
-        raise TypeError(f"{name} must return an array of numbers, {where}: {error}") from error
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must return real numbers, {where}, not {result!r}")
-    if array.shape != shape:
-        raise ValueError(f"{name} must return the shape {shape}, {where}, not {array.shape!r}")
-    return array.astype(np.float64, copy=False)
-
-
-def evaluate(
-    model: Callable[..., ArrayLike],
-    name: str,
-    points: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    rows: int,
-    *,
-    arguments: tuple[Any, ...] = (),
-    keywords: dict[str, Any] | None = None,
-    vectorized: bool = False,
-    angles: tuple[int, ...] = (),
-    used_rows: NDArray[np.bool_] | None = None,
-) -> NDArray[np.float64]:
-    """Send sigma points through a model.
+class CheckedModel:
+    """A user's model, with checks of what it does; see :mod:`ukf_sw.models`.
 
     Parameters
     ----------
-    model
-        The model; called as ``model(x, noise, *arguments, **keywords)``.
-    name
-        Its name in messages.
-    points, noise
-        Sigma points, shapes (n, N) and (terms, N). The model gets copies.
+    function
+        The model; called as ``function(x, noise, *arguments, **keywords)``.
+    role
+        What it is, in messages, which add the name of the function.
+    noise
+        Name of its second argument, in messages.
     rows
         Length of a result.
-    arguments, keywords
-        Further arguments of the model.
     vectorized
-        Whether the model takes all sigma points at once.
+        Whether it takes all sigma points at once.
     angles
         Rows of the result that are angles in radians.
-    used_rows
-        Rows that matter, shape (rows,); what the model returns in the others becomes zero.
-
-    Returns
-    -------
-    array
-        Results, shape (rows, N).
-
-    Raises
-    ------
-    TypeError
-        If the model does not return real numbers.
-    ValueError
-        If the result has a wrong shape, or a row that matters is NaN or infinite. The message
-        names the sigma point.
     """
-    count = points.shape[1]
-    keywords = keywords or {}
-    if vectorized:
-        result = model(points.copy(), noise.copy(), *arguments, **keywords)
-        results = np.array(_check(result, name, (rows, count), "one column a sigma point"))
-    else:
-        results = np.empty((rows, count))
-        for k in range(count):
-            try:
-                result = model(points[:, k].copy(), noise[:, k].copy(), *arguments, **keywords)
-            except Exception as error:
-                error.add_note(f"in {name} at sigma point {k}")
-                raise
-            results[:, k] = _check(result, name, (rows,), f"at sigma point {k}")
-    if used_rows is not None and not used_rows.all():
-        results[~used_rows] = 0.0
-    if not np.isfinite(results).all():
-        row, k = (int(i) for i in np.argwhere(~np.isfinite(results))[0])
-        raise ValueError(
-            f"{name} must return finite numbers, at sigma point {k}, "
-            f"not {float(results[row, k])!r} in row {row}"
-        )
-    for row in angles:
-        results[row] = wrap(results[row], results[row, 0])
-    return results
+
+    def __init__(
+        self,
+        function: Callable[..., ArrayLike],
+        *,
+        role: str,
+        noise: str,
+        rows: int,
+        vectorized: bool = False,
+        angles: tuple[int, ...] = (),
+    ) -> None:
+        # The function of a functools.partial; a callable object has the name of its class.
+        inner: object = getattr(function, "func", function)
+        self.name = f"{role} ({getattr(inner, '__name__', type(inner).__name__)})"
+        self.function = function
+        self._noise = noise
+        self._rows = rows
+        self._vectorized = vectorized
+        self._angles = angles
+        self._calls = 0
+
+    def __call__(
+        self,
+        points: Array,
+        noise: Array,
+        arguments: tuple[Any, ...] = (),
+        keywords: Mapping[str, Any] | None = None,
+        *,
+        used_rows: NDArray[np.bool_] | None = None,
+    ) -> Array:
+        """Send sigma points through the model.
+
+        Parameters
+        ----------
+        points, noise
+            Sigma points, shapes (n, N) and (terms, N). The model gets copies.
+        arguments, keywords
+            Further arguments of the model.
+        used_rows
+            Rows that matter, shape (rows,); what the model returns in the others becomes zero.
+
+        Returns
+        -------
+        array
+            Results, shape (rows, N).
+
+        Raises
+        ------
+        TypeError
+            If the model does not return real numbers.
+        ValueError
+            If a result has a wrong shape, a row that matters is NaN or infinite or differs between
+            two calls with equal arguments, or the model has changed its arguments. The message
+            names the model and the sigma point. So does a note at whatever the model itself raises.
+        """
+        given = arguments, keywords or {}
+        numbers = range(points.shape[1])
+        results = self._send(points, noise, numbers, given)
+        if used_rows is not None:
+            results[~used_rows] = 0.0
+        if not np.isfinite(results).all():
+            row, k = (int(i) for i in np.argwhere(~np.isfinite(results))[0])
+            raise ValueError(
+                f"{self.name} must return finite numbers, at sigma point {k}, "
+                f"not {float(results[row, k])!r} in row {row}"
+            )
+        self._calls += 1
+        if self._calls & (self._calls - 1) == 0:
+            again = self._send(points[:, PROBES], noise[:, PROBES], PROBES, given)
+            if used_rows is not None:
+                again[~used_rows] = 0.0
+            self._check_equal(results, again)
+        for row in self._angles:
+            results[row] = wrap(results[row], results[row, 0])
+        return results
+
+    def _send(
+        self,
+        points: Array,
+        noise: Array,
+        numbers: Sequence[int],
+        given: tuple[tuple[Any, ...], Mapping[str, Any]],
+    ) -> Array:
+        """Send sigma points of these numbers through the model, in one call or in as many."""
+        results = np.empty((self._rows, len(numbers)))
+        if self._vectorized:
+            x, w = points.copy(), noise.copy()
+            where = "one column a sigma point"
+            results[:] = self._check(self._call(x, w, given, where), results.shape, where)
+        else:
+            # Transposed copies, so that each sigma point is in one piece.
+            x, w = points.T.copy().T, noise.T.copy().T
+            for i, number in enumerate(numbers):
+                where = f"at sigma point {number}"
+                result = self._call(x[:, i], w[:, i], given, where)
+                results[:, i] = self._check(result, (self._rows,), where)
+        for argument, now, before in (("x", x, points), (self._noise, w, noise)):
+            if not (now == before).all():
+                i = int((now != before).any(axis=0).argmax())
+                raise ValueError(
+                    f"{self.name} must not change its argument {argument}, at sigma point "
+                    f"{numbers[i]}, from {before[:, i].tolist()!r} to {now[:, i].tolist()!r}"
+                )
+        return results
+
+    def _call(
+        self, x: Array, w: Array, given: tuple[tuple[Any, ...], Mapping[str, Any]], where: str
+    ) -> object:
+        """Call the model; whatever it raises gets a note that says in which call."""
+        arguments, keywords = given
+        try:
+            return self.function(x, w, *arguments, **keywords)
+        except Exception as error:
+            error.add_note(
+                f"in {self.name}, {where}, called with x of shape {x.shape} and "
+                f"{self._noise} of shape {w.shape}"
+            )
+            raise
+
+    def _check(self, result: object, shape: tuple[int, ...], where: str) -> Array:
+        """Check the kind and the shape of what the model returned."""
+        try:
+            array = np.asarray(result)
+        except ValueError as error:
+            raise TypeError(
+                f"{self.name} must return an array of numbers, {where}: {error}"
+            ) from error
+        if array.dtype.kind not in "fiub":
+            raise TypeError(f"{self.name} must return real numbers, {where}, not {result!r}")
+        if array.shape != shape:
+            raise ValueError(
+                f"{self.name} must return the shape {shape}, {where}, not {array.shape!r}"
+            )
+        return array.astype(np.float64, copy=False)
+
+    def _check_equal(self, results: Array, again: Array) -> None:
+        """Check that the probes gave the same again."""
+        first = results[:, PROBES]
+        tolerance = np.zeros((self._rows, 1))
+        rule = "give equal results for equal arguments"
+        if self._vectorized:
+            largest = np.abs(results).max(axis=1, keepdims=True)
+            tolerance = np.maximum(ROW_TOLERANCE * largest, TOLERANCE * largest.max())
+            rule += ", whatever the other columns are"
+        different = ~(np.abs(again - first) <= tolerance)
+        if different.any():
+            row, i = (int(index) for index in np.argwhere(different)[0])
+            raise ValueError(
+                f"{self.name} must {rule}, at sigma point {PROBES[i]}, not "
+                f"{float(first[row, i])!r} and then {float(again[row, i])!r} in row {row}"
+            )

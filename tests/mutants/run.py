@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 ENGINE = "tests/hdl/test_engine.py"
 CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
+SEQUENCER = "tests/hdl/test_sequencer.py"
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,28 @@ MUTANTS = [
     ),
     Mutant(
         "sequencer: a stop lets one more word through", "hdl/ukf_hdl/sequencer.py",
-        "m.d.sync += [fetching.eq(0), fetched.eq(0), execute.eq(0), self.word.eq(0)]",
-        "m.d.sync += [fetching.eq(0), fetched.eq(0)]",
-        ENGINE,
+        "m.d.sync += self.word.eq(0)", "pass",
+        SEQUENCER,
+    ),
+    Mutant(
+        "unpacker: addresses of repeated words stand still", "hdl/ukf_hdl/unpacker.py",
+        "(value + steps[fmt.half.counting.index(field.name)])", "value",
+        SEQUENCER,
+    ),
+    Mutant(
+        "unpacker: one repetition too many", "hdl/ukf_hdl/unpacker.py",
+        "repeat.eq(left != 1)", "repeat.eq(left != 0)",
+        SEQUENCER,
+    ),
+    Mutant(
+        "unpacker: what a stopped program had left is repeated", "hdl/ukf_hdl/unpacker.py",
+        "m.d.sync += [left.eq(0), repeat.eq(0)]", "pass",
+        SEQUENCER,
+    ),
+    Mutant(
+        "packets: a repetition reaches too far back", "sw/ukf_sw/engine/packets.py",
+        "(packet.distance - 1) <<", "packet.distance <<",
+        "tests/sw/test_packets.py",
     ),
     Mutant(
         "schedule: a slot too early", "sw/ukf_sw/engine/scheduler.py",

@@ -1,4 +1,5 @@
 import re
+from functools import partial
 
 import numpy as np
 import pytest
@@ -158,6 +159,12 @@ BAD_MODELS = [
     (returns("abc"), TypeError, "must return real numbers, at sigma point 0, not 'abc'"),
     (returns([1j] * 3), TypeError, "must return real numbers, at sigma point 0, not [1j, 1j, 1j]"),
     (returns([[1], [1, 2]]), TypeError, "must return an array of numbers, at sigma point 0"),
+    (returns(np.array([1.0, None, 2.0])), TypeError, "must return real numbers, at sigma point 0"),
+    (returns(1.0), ValueError, "must return the shape ({0},), at sigma point 0, not ()"),
+    (returns([[1.0], [2.0], [3.0]]), ValueError,
+     "must return the shape ({0},), at sigma point 0, not (3, 1)"),
+    (breaks_at(3, np.zeros(3), None), TypeError,
+     "must return real numbers, at sigma point 3, not None"),
     (breaks_at(4, np.zeros(3), [0.0, np.nan, 0.0]), ValueError,
      "must return finite numbers, at sigma point 4, not nan in row 1"),
     (breaks_at(8, np.zeros(3), [np.inf, 0.0, 0.0]), ValueError,
@@ -170,7 +177,9 @@ BAD_MODELS = [
 def test_wrong_results_of_the_process_model_are_named(backend, model, kind, message):
     ukf = make(backend, f=model())
     before = estimate(ukf)
-    with pytest.raises(kind, match="^process model f " + re.escape(message.format(3))):
+    with pytest.raises(
+        kind, match="^process model f \\(<lambda>\\) " + re.escape(message.format(3))
+    ):
         ukf.predict()
     assert estimate(ukf) == before
 
@@ -178,40 +187,216 @@ def test_wrong_results_of_the_process_model_are_named(backend, model, kind, mess
 def test_wrong_results_of_the_observation_model_are_named(ukf):
     ukf.predict()
     before = estimate(ukf)
-    ukf._h = lambda x, v: [0.0, 1.0, 2.0]
-    with pytest.raises(ValueError, match=r"^observation model h must return the shape \(2,\), at"):
+    ukf._h.function = lambda x, v: [0.0, 1.0, 2.0]
+    with pytest.raises(
+        ValueError, match=r"^observation model h \(h\) must return the shape \(2,\)"
+    ):
         ukf.update([0.0, 0.0])
     assert estimate(ukf) == before
 
 
-def test_wrong_results_of_vectorized_models_are_named():
-    ukf = make(f=lambda x, w, u: x[:2], vectorized=True)
-    with pytest.raises(ValueError, match=r"shape \(3, 9\), one column a sigma point, not \(2, 9\)"):
-        ukf.predict()
+@pytest.mark.parametrize(
+    ("model", "shape"),
+    [
+        (lambda x, w, u: x[:2], "(2, 9)"),
+        (lambda x, w, u: x.T, "(9, 3)"),
+        (lambda x, w, u: x.sum(axis=1), "(3,)"),
+        (lambda x, w, u: x[:, :1], "(3, 1)"),
+    ],
+)
+def test_wrong_results_of_vectorized_models_are_named(model, shape):
+    text = "process model f (<lambda>) must return the shape (3, 9), one column a sigma point, not "
+    with pytest.raises(ValueError, match="^" + re.escape(text + shape)):
+        make(f=model, vectorized=True).predict()
 
 
 def test_what_a_model_raises_names_the_sigma_point(ukf):
     calls = iter(range(100))
-    ukf._f = lambda x, w, u: f(x, w, u) if next(calls) < 6 else 1 / 0
+    ukf._f.function = lambda x, w, u: f(x, w, u) if next(calls) < 6 else 1 / 0
     with pytest.raises(ZeroDivisionError) as caught:
         ukf.predict()
-    assert caught.value.__notes__ == ["in process model f at sigma point 6"]
+    assert caught.value.__notes__ == [
+        "in process model f (f), at sigma point 6, called with x of shape (3,) and w of shape (2,)"
+    ]
 
 
-def test_models_cannot_change_the_points(ukf):
-    def spoil(x, *others):
-        result = f(x, *others) if len(others) == 2 else h(x, *others)
-        x[:] = others[0][:] = np.nan
+# What models must not do.
+
+
+def wrong_size(x, w, u):
+    return np.eye(4) @ x
+
+
+def without_input(x, w):
+    return x
+
+
+def one_point_only(x, w, u):
+    return x if x[0] > 0.0 else -x
+
+
+MODELS_THAT_RAISE = [
+    (wrong_size, False, ValueError, "at sigma point 0, called with x of shape (3,) and"),
+    (wrong_size, True, ValueError, "one column a sigma point, called with x of shape (3, 9) and"),
+    (without_input, False, TypeError, "at sigma point 0, called with x of shape (3,) and"),
+    (one_point_only, True, ValueError, "one column a sigma point, called with x of shape (3, 9)"),
+]
+
+
+@pytest.mark.parametrize(("model", "vectorized", "kind", "note"), MODELS_THAT_RAISE)
+def test_what_a_model_raises_names_call_and_shapes(model, vectorized, kind, note):
+    ukf = make(f=model, vectorized=vectorized)
+    before = estimate(ukf)
+    with pytest.raises(kind) as caught:
+        ukf.predict()
+    assert caught.value.__notes__[0].startswith(f"in process model f ({model.__name__}), {note}")
+    assert estimate(ukf) == before
+
+
+class Counting:
+    """Keeps a state: the number of its calls."""
+
+    calls = 0
+
+    def __call__(self, x, *others):
+        self.calls += 1
+        return (f if len(others) == 2 else h)(x, *others) + 1e-6 * self.calls
+
+
+def remembering():
+    """Model that mixes in the argument of the call before."""
+    last = np.zeros(3)
+
+    def drag(x, w, u):
+        nonlocal last
+        result, last = f(x, w, u) + 0.01 * last[:, *([None] * (x.ndim - 1))], x.copy()
         return result
 
-    twin = make("reference" if isinstance(ukf.backend, ReferenceUkf) else "golden")
-    ukf._f = ukf._h = spoil
-    for each in (ukf, twin):
-        each.predict()
-        each.update([1.0, 2.0])
-        each.predict()
-        each.update([1.0, 2.0])
-    assert estimate(ukf) == estimate(twin)
+    return drag
+
+
+def noisy():
+    rng = np.random.default_rng(0)
+
+    def noisy_model(x, w, u):
+        return f(x, w, u) + 1e-6 * rng.standard_normal(x.shape)
+
+    return noisy_model
+
+
+def norm_of_all(x, w, u):
+    return x / np.linalg.norm(x)
+
+
+def mean_of_all(x, w, u):
+    return x - x.mean(axis=1, keepdims=True)
+
+
+def relative_to_first(x, w, u):
+    return x - 1e-3 * x[:, :1]
+
+
+def first_column_for_all(x, w, u):
+    return np.tile(f(x[:, 0], w[:, 0], u), (x.shape[1], 1)).T
+
+
+def sorted_columns(x, w, u):
+    return np.sort(x, axis=1)
+
+
+EQUAL = "must give equal results for equal arguments, at sigma point 2, not "
+COLUMNS = "must give equal results for equal arguments, whatever the other columns are, at sigma"
+NOT_FUNCTIONS = [
+    (Counting, False, f"(Counting) {EQUAL}"),
+    (Counting, True, f"(Counting) {COLUMNS}"),
+    (remembering, False, f"(drag) {EQUAL}"),
+    (noisy, False, f"(noisy_model) {EQUAL}"),
+    (noisy, True, f"(noisy_model) {COLUMNS}"),
+    (lambda: norm_of_all, True, f"(norm_of_all) {COLUMNS}"),
+    (lambda: mean_of_all, True, f"(mean_of_all) {COLUMNS}"),
+    (lambda: relative_to_first, True, f"(relative_to_first) {COLUMNS}"),
+    (lambda: first_column_for_all, True, f"(first_column_for_all) {COLUMNS}"),
+    (lambda: sorted_columns, True, f"(sorted_columns) {COLUMNS}"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("model", "vectorized", "message"), NOT_FUNCTIONS)
+def test_models_that_are_not_functions_are_found(backend, model, vectorized, message):
+    ukf = make(backend, f=model(), vectorized=vectorized)
+    before = estimate(ukf)
+    with pytest.raises(ValueError, match="^process model f " + re.escape(message)) as caught:
+        ukf.predict()
+    assert re.search(r"point [02], not \S+ and then \S+ in row [012]$", str(caught.value))
+    assert estimate(ukf) == before
+
+
+@pytest.mark.parametrize("late", [2, 3, 5])
+def test_models_that_stop_being_functions_are_found_later(ukf, late):
+    """By the next call whose number is a power of two."""
+    drifting = Counting()
+    for call in range(1, 9):
+        ukf.predict()
+        ukf._h.function = h if call < late else drifting
+        if call in (2, 4, 8) and call >= late:
+            with pytest.raises(ValueError, match=r"^observation model h \(h\) must give equal"):
+                ukf.update([1.0, 2.0])
+            return
+        ukf.update([1.0, 2.0])
+    raise AssertionError
+
+
+def test_how_often_models_are_called():
+    calls = []
+    ukf = make(f=lambda *arguments: calls.append(None) or f(*arguments))
+    counts = []
+    for _ in range(9):
+        calls.clear()
+        ukf.predict()
+        counts.append(len(calls))
+    assert counts == [PARAMS.N + (2 if call in (1, 2, 4, 8) else 0) for call in range(1, 10)]
+
+
+@pytest.mark.parametrize("vectorized", [False, True])
+@pytest.mark.parametrize(
+    ("argument", "value"), [("x", "[1.0, 0.5, -0.2]"), ("w", "[0.0, 0.0]"), ("v", "[0.0, 0.0]")]
+)
+def test_models_must_not_change_their_arguments(vectorized, argument, value):
+    def spoil(x, noise, *others):
+        result = f(x, noise, *others) if others else h(x, noise)
+        (x if argument == "x" else noise)[0] += 1.0
+        return result
+
+    model, name = ("h", "observation model h") if argument == "v" else ("f", "process model f")
+    ukf = make(vectorized=vectorized, **{model: spoil})
+    if model == "h":
+        ukf.predict()
+    before = estimate(ukf)
+    text = f"{name} (spoil) must not change its argument {argument}, at sigma point 0, from {value}"
+    with pytest.raises(ValueError, match="^" + re.escape(text)):
+        ukf.update([1.0, 2.0]) if model == "h" else ukf.predict()
+    assert estimate(ukf) == before
+
+
+def test_partial_functions_have_the_name_of_their_function():
+    ukf = make(h=partial(h, gain=None))
+    with pytest.raises(TypeError) as caught:
+        ukf.update([1.0, 2.0])
+    assert caught.value.__notes__[0].startswith("in observation model h (h), at sigma point 0, ")
+
+
+def test_rounding_of_vectorized_models_is_no_mixing():
+    """Libraries may sum in another order when there are fewer columns; and sums may cancel."""
+
+    def f(x, w, u):
+        terms = np.array([0.1, 0.2, 0.3, -0.6])[:, None] * x[0]
+        zero = sum(terms if x.shape[1] == 9 else terms[::-1])
+        assert np.abs(zero).max() > 0.0
+        return np.array([x[0], zero, x[2]])
+
+    ukf = make(f=f, vectorized=True)
+    for _ in range(2):
+        ukf.predict()
 
 
 # What it computes.
@@ -332,7 +517,7 @@ def test_mask_property_is_the_default(ukf):
 
 def test_masked_results_of_the_model_do_not_matter(ukf):
     twin = make()
-    ukf._h = lambda x, v: [h(x, v)[0], np.nan]
+    ukf._h.function = lambda x, v: [h(x, v)[0], np.nan]
     for each in (ukf, twin):
         each.predict()
         each.update([1.0, 2.0], mask=[True, False])
@@ -447,7 +632,7 @@ def test_additive_noise_reaches_the_models_as_zeros(backend):
     ukf.predict()
     ukf.update([1.0])
     assert set(seen) == {((2,), False), ((1,), False)}
-    assert len(seen) == 2 * params.N
+    assert len(seen) == 2 * (params.N + 2)  # two points are looked at again
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -493,12 +678,12 @@ def test_overflow_loses_nothing(backend):
     for scale in (1e200, 1.0):
         ukf.predict()
         before = estimate(ukf)
-        ukf._h = lambda x, v, scale=scale: h(x, v) * scale
+        ukf._h.function = lambda x, v, scale=scale: h(x, v) * scale
         if scale > 1.0:
             with pytest.raises(NotFiniteError):
                 ukf.update([1.0, 1.0])
             assert estimate(ukf) == before
-            ukf._h = h
+            ukf._h.function = h
         ukf.update([1.0, 1.0])
     twin = make("reference")
     for _ in range(2):

@@ -40,7 +40,7 @@ def ukf(tmp_path, monkeypatch):
 
 def test_help_names_the_commands(ukf):
     text = ukf("--help").stdout
-    for command in ("generate", "cosim", "run", "latency"):
+    for command in ("generate", "cosim", "run", "latency", "new"):
         assert command in text
 
 
@@ -135,8 +135,9 @@ def test_run(ukf, tmp_path, backend):
         ukf("run", "--config", "nanosat-2014", "--backend", backend, "--steps", 1200, "--json")
         .stdout
     )  # fmt: skip
-    assert record["steps"] == record["steps_requested"] == 1200
-    assert record["stopped"] is None
+    (run,) = record["runs"]
+    assert run["steps"] == record["steps_requested"] == 1200
+    assert run["stopped"] is None
     judged = record["accuracy"]
     assert (judged["since"], judged["steps"]) == (1.0, 200)
     assert judged["rms"]["attitude"] < 1.0
@@ -150,7 +151,7 @@ def test_run_reports_where_the_core_stopped(ukf):
     """Covariance form with a large P0, in binary32: the first bad pivot, and no NaN."""
     core = ("--config", "nanosat-2014", "--form", "covariance", "--pes", 2)
     options = ("run", *core, "--p0", 100, "--steps", 50)
-    record = json.loads(ukf(*options, "--json", code=1).stdout)
+    (record,) = json.loads(ukf(*options, "--json", code=1).stdout)["runs"]
     stopped = record["stopped"]
     assert record["steps"] == stopped["iteration"] < 50
     codes = {"SINGULAR_OBSERVATION": 3, "NOT_POSITIVE_DEFINITE": 4}
@@ -170,10 +171,27 @@ def test_run_takes_sizes(ukf):
 
 def test_seed_changes_the_data(ukf):
     runs = [
-        json.loads(ukf("run", *TINY, "--steps", 5, "--seed", seed, "--json").stdout)
+        json.loads(ukf("run", *TINY, "--steps", 5, "--seed", seed, "--json").stdout)["runs"][0]
         for seed in (1, 2, 1)
     ]
     assert runs[0]["last_estimate"] == runs[2]["last_estimate"] != runs[1]["last_estimate"]
+
+
+def test_runs_are_judged_together(ukf):
+    options = ("run", "--config", "nanosat", "--steps", 1100, "--runs", 2, "--seed", 3)
+    record = json.loads(ukf(*options, "--json").stdout)
+    first, second = (run["accuracy"] for run in record["runs"])
+    assert [run["seed"] for run in record["runs"]] == [3, 4]
+    both = record["accuracy"]
+    assert both["steps"] == first["steps"] + second["steps"] == 200
+    squares = [run["rms"]["attitude"] ** 2 for run in (first, second)]
+    assert both["rms"]["attitude"] ** 2 == pytest.approx(sum(squares) / 2)
+    shares = [run["below_0.1_degrees"] for run in (first, second)]
+    assert both["below_0.1_degrees"] == pytest.approx(sum(shares) / 2)
+    largest = max(run["maximum"]["attitude"] for run in (first, second))
+    assert both["maximum"]["attitude"] == largest
+    text = ukf(*options).stdout
+    assert "2200 of 2200 steps" in text
 
 
 # Co-simulation.

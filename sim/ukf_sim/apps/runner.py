@@ -11,14 +11,15 @@ import numpy as np
 
 from ukf_sim.apps.figures import draw, draw_errors
 from ukf_sim.apps.workers import mapper
-from ukf_sim.cosimulation import CACHE, Job, cosimulate
+from ukf_sim.cosimulation import CACHE
+from ukf_sim.scenarios import cosimulate_scenario
 from ukf_sim.simulators import Simulator
 from ukf_sw.catalogue import CATALOGUE, Entry, Verdict
 from ukf_sw.driver import Driver
 from ukf_sw.errors import UkfError
 from ukf_sw.filter import Backend
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.parameters import UkfParams
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.scenario import Results, Scenario
 from ukf_sw.scenario import run as run_scenario
@@ -102,11 +103,6 @@ def describe_verdict(verdict: Verdict) -> dict[str, Any]:
         "low": bound.low, "high": bound.high, "reference": bound.reference,
         "origin": bound.origin, "okay": verdict.okay,
     }  # fmt: skip
-
-
-def _longest(steps: list[dict[str, int]]) -> dict[str, int]:
-    """Give the step with the most in it: others have no update, or one of the first redraws."""
-    return max(steps, key=lambda step: sum(step.values()), default={})
 
 
 def _describe_errors(
@@ -281,40 +277,22 @@ def cosimulate_entry(
     entry = find(name)
     started = time.perf_counter()
     problem = CatalogueProblem(name=name, seed=seed, changes=(("pes", pes),))
-    scenario = problem.scenario(steps)
-    job = Job(
-        params=scenario.params,
-        pipeline=Pipeline(),
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps},
-    )
     tell = progress or (lambda what, done, total: None)
-    outcome = cosimulate(
-        job, simulator, cache=cache,
+    found = cosimulate_scenario(
+        problem.scenario, steps, simulator=simulator, cache=cache,
         progress=lambda phase, done: tell(f"{name}: {phase}", done, steps),
     )  # fmt: skip
-    found = outcome.result
-    x = found["x"]
+    simulated = found.results
+    count = 0 if simulated is None else len(simulated.times)
     record: dict[str, Any] = {
         "name": name, "doc": entry.doc, "source": entry.source, "backend": "cosim", "seed": seed,
-        "runs": 1, "steps": len(x), "settled": None, "stopped": found["stopped"], "errors": [],
-        "judged": False, "verdicts": [], "plots": [], "mismatch": found["mismatch"],
-        "words_compared": found["words_compared"],
-        "pes": pes,
-        "cycles": _longest(found["cycles"]), "traffic": _longest(found["traffic"]),
+        "runs": 1, "steps": count, "settled": None, "stopped": found.stopped, "errors": [],
+        "judged": False, "verdicts": [], "plots": [], "mismatch": found.mismatch,
+        "words_compared": found.words_compared, "pes": pes, "cycles": found.cycles,
+        "traffic": found.traffic, "okay": found.okay,
     }  # fmt: skip
-    record["okay"] = found["mismatch"] is None and found["stopped"] is None and len(x) == steps
-    if len(x):
-        count = len(x)
-        simulated = Results(
-            scenario=scenario,
-            times=scenario.times[:count],
-            x=x,
-            errors=scenario.error(x, scenario.truth[:count]),
-            nis=np.full(count, np.nan),
-            gated=np.zeros(count, dtype=np.bool_),
-        )
-        reference = run_scenario(scenario, steps=count)
+    if simulated is not None:
+        reference = run_scenario(simulated.scenario, steps=count)
         record["errors"] = _describe_errors(entry, [simulated], [reference], -np.inf)
         if output is not None:
             estimates = {"core, simulated": simulated, "float64 reference": reference}

@@ -5,6 +5,7 @@ import typer
 from ukf_sim.cli.apps import apps_app
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
+from ukf_sim.cli.new import new
 from ukf_sim.cli.run import run
 
 # What takes long to import is imported by the commands that need it.
@@ -18,6 +19,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
-for command in (generate, latency, cosim, run):
+for command in (generate, latency, cosim, run, new):
     app.command()(command)
 app.add_typer(apps_app)

@@ -2,17 +2,19 @@
 
 A word has two halves that belong to different operations: the read half starts one, the write
 half ends another that was started when its latency demands. The hardware delays only the few bits
-that steer the adders in between.
+that steer the adders in between. In the program memory each half is packed by itself: see
+:mod:`ukf_sw.engine.packets`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BusSource", "ControlField", "ControlFormat"]
+__all__ = ["READ", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half"]
 
 
 class BusSource(IntEnum):
@@ -36,6 +38,48 @@ class ControlField:
     name: str
     lsb: int
     width: int
+
+
+class Half(NamedTuple):
+    """Half of the control word.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    fields
+        Names of its fields.
+    counting
+        Those that may be one more in a word that repeats another.
+    once
+        Those that are zero in a word that repeats another.
+    """
+
+    name: str
+    fields: tuple[str, ...]
+    counting: tuple[str, ...]
+    once: tuple[str, ...]
+
+
+READ = Half(
+    name="read",
+    fields=(
+        "address_0", "bank_state_0", "bank_factor_0", "address_1", "bank_factor_1",
+        "scalar_address", "use_scalar", "zero", "subtract", "dot", "first", "select",
+    ),
+    counting=("address_0", "address_1"),
+    once=("first",),
+)  # fmt: skip
+WRITE = Half(
+    name="write",
+    fields=(
+        "write", "write_address", "write_bank_state", "write_bank_factor", "write_lanes",
+        "write_bus", "bus_source", "scalar_write", "scalar_write_address", "lanes_observation",
+        "bus_observation", "pivot", "nis", "last",
+    ),
+    counting=("write_address",),
+    once=(),
+)  # fmt: skip
 
 
 class ControlFormat:
@@ -100,21 +144,17 @@ class ControlFormat:
     ) -> None:
         lanes_width = max((lane_sets - 1).bit_length(), 1)
         widths = {
-            "address_0": address_width, "bank_state_0": 1, "bank_factor_0": 1,
-            "address_1": address_width, "bank_factor_1": 1,
-            "scalar_address": scalar_width, "use_scalar": 1, "zero": 1, "subtract": 1,
-            "dot": 1, "first": 1,
-            "select": max(lanes_width, (pes - 1).bit_length()),
-            "write": 1, "write_address": address_width, "write_bank_state": 1,
-            "write_bank_factor": 1, "write_lanes": lanes_width, "write_bus": 1, "bus_source": 2,
-            "scalar_write": 1, "scalar_write_address": scalar_width,
+            "address_0": address_width, "address_1": address_width, "write_address": address_width,
+            "scalar_address": scalar_width, "scalar_write_address": scalar_width,
+            "select": max(lanes_width, (pes - 1).bit_length()), "write_lanes": lanes_width,
+            "bus_source": 2, "pivot": rows.bit_length(),
             "lanes_observation": observations.bit_length(),
-            "bus_observation": observations.bit_length(), "pivot": rows.bit_length(), "nis": 1,
-            "last": 1,
+            "bus_observation": observations.bit_length(),
         }  # fmt: skip
         self.fields: dict[str, ControlField] = {}
         lsb = 0
-        for name, width in widths.items():
+        for name in READ.fields + WRITE.fields:
+            width = widths.get(name, 1)
             self.fields[name] = ControlField(name, lsb, width)
             lsb += width
         self.width = lsb

@@ -1,12 +1,14 @@
-"""All programs of a core, scheduled and encoded: the contents of its program memory."""
+"""All programs of a core, scheduled and encoded: the contents of its program memories."""
 
 import heapq
-from functools import cache
+from functools import cache, cached_property
+from itertools import accumulate
 from typing import NamedTuple
 
-from ukf_sw.engine.control_word import BusSource, ControlFormat
+from ukf_sw.engine.control_word import READ, WRITE, BusSource, ControlFormat, Half
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
 from ukf_sw.engine.operations import Kind, Operation, Scalar
+from ukf_sw.engine.packets import PacketStream
 from ukf_sw.engine.programs import Program, build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
@@ -76,7 +78,7 @@ class ProgramCode(NamedTuple):
 
 
 class Microcode:
-    """Program memory of a core; use :func:`microcode`, which makes it once.
+    """Programs of a core; use :func:`microcode`, which makes it once.
 
     Parameters
     ----------
@@ -96,9 +98,9 @@ class Microcode:
         Depth of the scalar file.
     format : ControlFormat
     words : list of int
-        Control words.
+        Control words, one for each clock.
     entry : dict of Program to int
-        Address of the first word of each program.
+        Index of the first word of each program.
     """
 
     def __init__(self, params: UkfParams, pipeline: Pipeline) -> None:
@@ -130,14 +132,18 @@ class Microcode:
             observations=params.m,
             rows=params.m + params.n,
         )
-        self.words: list[int] = []
-        self.entry: dict[Program, int] = {}
-        for program in _ORDER:
-            self.entry[program] = len(self.words)
-            words = self._encode(self.programs[program])
+        self._encoded = {program: self._encode(code) for program, code in self.programs.items()}
+        for program, words in self._encoded.items():
             if program is not Program.UPDATE_REDRAWN:
                 words[-1] |= self.format.encode({"last": 1})
-            self.words += words
+        self.words = [word for words in self._encoded.values() for word in words]
+        lengths = [len(words) for words in self._encoded.values()]
+        self.entry = dict(zip(self._encoded, accumulate(lengths, initial=0), strict=False))
+
+    @cached_property
+    def streams(self) -> dict[Half, PacketStream]:
+        """Contents of the program memories: packets of the words, for each half of them."""
+        return {half: PacketStream(self.format, half, self._encoded) for half in (READ, WRITE)}
 
     def clocks(self, program: Program) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""

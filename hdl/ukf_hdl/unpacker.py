@@ -1,0 +1,121 @@
+"""Unpacker: one word a clock from the packets of a program memory."""
+
+from amaranth import Cat, Module, Mux, Signal, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from ukf_sw.engine.packets import DISTANCE_WIDTH
+from ukf_sw.engine.programs import Program
+
+__all__ = ["Unpacker"]
+
+
+class Unpacker(wiring.Component):
+    """Unpacks one half of the control words.
+
+    On the clock of :py:`start` the address of the first packet goes to the memory. From the next
+    clock on, :py:`run` is high, and every clock gives a word: a packet's own, or one that repeats
+    an earlier one, which a small memory holds. A packet is fetched as soon as the one before it
+    has given its word, and waits in the memory's output register until the repetitions are over.
+
+    Parameters
+    ----------
+    stream : :class:`ukf_sw.engine.packets.PacketStream`
+        Packets.
+
+    Members
+    -------
+    start : :py:`In(1)`
+        Start of a program.
+    program : :py:`In(Program)`
+        Which one; valid with :py:`start`.
+    run : :py:`In(1)`
+        The next word is taken. High from the clock after the start until the program ends.
+    word : :py:`Out(StructLayout)`
+        Next word, without a register.
+    """
+
+    def __init__(self, stream):
+        self._stream = stream
+        super().__init__({
+            "start":   In(1),
+            "program": In(range(len(Program))),
+            "run":     In(1),
+            "word":    Out(data.StructLayout({
+                field.name: field.width for field in stream.format.fields
+            })),
+        })  # fmt: skip
+
+    def elaborate(self, platform):
+        m = Module()
+        packets, fmt = self._stream.packets, self._stream.format
+        m.submodules.packets = memory = Memory(
+            shape=unsigned(fmt.width), depth=max(len(packets), 2), init=packets
+        )
+        port = memory.read_port()
+
+        def of_packet(field):
+            return port.data[field.lsb : field.lsb + field.width]
+
+        # Repetitions that are left of the packet before the one in the memory's output register.
+        left = Signal(fmt.count.width)
+        repeat = Signal()  # there are some
+        fetch = Signal()
+        following = Signal(range(len(packets) + 2))  # address after that of the last fetch
+        with m.If(self.start):
+            with m.Switch(self.program):
+                for program in Program:
+                    with m.Case(program):
+                        m.d.comb += port.addr.eq(self._stream.entry[program])
+        with m.Else():
+            m.d.comb += port.addr.eq(following)
+        m.d.comb += [fetch.eq(self.run & ~repeat), port.en.eq(self.start | fetch)]
+        with m.If(port.en):
+            m.d.sync += following.eq(port.addr + 1)
+
+        # The words given last, read without a clock, so distributed memory.
+        m.submodules.history = history = Memory(
+            shape=unsigned(fmt.word_width), depth=1 << DISTANCE_WIDTH, init=[]
+        )
+        write, earlier = history.write_port(), history.read_port(domain="comb")
+        newest = Signal(DISTANCE_WIDTH)  # where the word of this clock goes
+        repeated = Signal(DISTANCE_WIDTH)  # where the word that the next one repeats is
+        steps = Signal(fmt.steps.width)
+        m.d.comb += [
+            write.addr.eq(newest),
+            write.data.eq(self.word),
+            write.en.eq(self.run),
+            earlier.addr.eq(repeated),
+        ]
+
+        with m.If(self.start):
+            m.d.sync += [left.eq(0), repeat.eq(0)]
+        with m.Elif(self.run):
+            m.d.sync += newest.eq(newest + 1)
+            with m.If(repeat):
+                m.d.sync += [
+                    left.eq(left - 1),
+                    repeat.eq(left != 1),
+                    repeated.eq(repeated + 1),
+                ]
+            with m.Else():
+                count, distance = of_packet(fmt.count), of_packet(fmt.distance)
+                m.d.sync += [
+                    left.eq(count),
+                    repeat.eq(count != 0),
+                    repeated.eq(newest - distance),
+                    steps.eq(of_packet(fmt.steps)),
+                ]
+
+        own = port.data[: fmt.word_width]
+        again = []
+        for field in fmt.fields:
+            value = earlier.data[field.lsb : field.lsb + field.width]
+            if field.name in fmt.half.once:
+                value = Signal.like(value, name=f"no_{field.name}")  # stays zero
+            elif field.name in fmt.half.counting:
+                value = (value + steps[fmt.half.counting.index(field.name)])[: field.width]
+            again.append(value)
+        m.d.comb += self.word.eq(Mux(repeat, Cat(again), own))
+        return m

@@ -1,0 +1,171 @@
+"""Projects that `ukf new` writes: they work as they are, and mistakes are named."""
+
+import ast
+import importlib
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ukf_sim.cli import app
+from ukf_sim.project import TEMPLATES, check_name
+from ukf_sim.scenarios import cosimulate_scenario
+from ukf_sw.parameters import Noise, UkfParams
+from ukf_sw.scenario import Scenario, run
+from ukf_sw.systems.pendulum import pendulum
+
+
+@pytest.fixture
+def new(tmp_path, monkeypatch):
+    """Function that runs `ukf new` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "500")
+
+    def new(*arguments, code=0):
+        result = CliRunner().invoke(app, ["new", *map(str, arguments)])
+        assert result.exit_code == code, result.output
+        return result
+
+    return new
+
+
+SIZES = [
+    ((), UkfParams(n=3, m=2, q=3, r=2, observation_noise=Noise.ADDITIVE)),
+    (("--n", 1, "--m", 1, "--pes", 2, "--observation-noise", "augmented"),
+     UkfParams(n=1, m=1, q=1, r=1, pes=2)),
+    (("--n", 2, "--m", 3, "--q", 0),
+     UkfParams(n=2, m=3, r=3, observation_noise=Noise.ADDITIVE)),
+    (("--n", 4, "--m", 2, "--q", 6, "--r", 5, "--observation-noise", "augmented"),
+     UkfParams(n=4, m=2, q=6, r=5)),
+    (("--n", 5, "--m", 3, "--process-noise", "additive"),
+     UkfParams(n=5, m=3, q=5, r=3, process_noise=Noise.ADDITIVE,
+               observation_noise=Noise.ADDITIVE)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(len(SIZES)))
+def test_filter_of_any_size_is_consistent(new, tmp_path, monkeypatch, number):
+    options, params = SIZES[number]
+    name = f"strut_{number}"
+    new(name, *options)
+    monkeypatch.syspath_prepend(tmp_path / name)
+    data = importlib.import_module(f"{name}.data")
+    scenario = data.scenario(300)
+    assert scenario.params == params
+    results = run(scenario)
+    nis = results.nis[100:]
+    assert abs(nis.mean() - params.m) < 5.0 * np.sqrt(2.0 * params.m / len(nis))
+    assert np.abs(results.errors[100:]).max() < 0.2 * np.abs(scenario.x0 - scenario.truth[0]).max()
+
+
+def test_files_are_listed_and_complete(new, tmp_path):
+    record = json.loads(new("strut", "--json").stdout)
+    wanted = sorted(f"strut/{target.replace('NAME', 'strut')}" for target in TEMPLATES)
+    assert sorted(record["files"]) == wanted
+    for file in record["files"]:
+        text = (tmp_path / file).read_text()
+        assert "{" + "{" not in text
+        assert max(map(len, text.splitlines())) <= 120
+        if file.endswith(".py"):
+            ast.parse(text)
+
+
+def test_folders_with_files_stay_as_they_are(new, tmp_path):
+    (tmp_path / "strut").mkdir()
+    new("strut")  # an empty one is fine
+    (tmp_path / "strut" / "Makefile").write_text("mine")
+    message = "DIR must be a new or an empty folder, not the folder with files strut"
+    assert message in new("strut", code=2).stderr
+    assert (tmp_path / "strut" / "Makefile").read_text() == "mine"
+    (tmp_path / "file").write_text("")
+    assert "not the file file" in new("file", code=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("my-filter", "must be lower-case letters, digits and underscores, first a letter, not"),
+        ("3d", "must be lower-case letters, digits and underscores, first a letter, not '3d'"),
+        ("Strut", "must be lower-case letters, digits and underscores, first a letter, not"),
+        ("größe", "must be lower-case letters, digits and underscores, first a letter, not"),
+        ("lambda", "must not be a word of Python's, not 'lambda'"),
+        ("json", "must not be that of another Python package, not 'json'"),
+        ("numpy", "must not be that of another Python package, not 'numpy'"),
+        ("ukf_sw", "must not be that of another Python package, not 'ukf_sw'"),
+        ("tests", "must not be that of another Python package, not 'tests'"),
+    ],
+)
+def test_names_are_checked(new, tmp_path, name, message):
+    with pytest.raises(ValueError, match="^The name " + message):
+        check_name(name)
+    assert message in new(name, code=2).stderr
+    assert not (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--n", 33), "n must be between 1 and 32, not 33"),
+        (("--m", 3, "--r", 2, "--observation-noise", "augmented"),
+         "r must be at least m = 3, noise for every sensor, not 2"),
+        (("--q", 2, "--process-noise", "additive"), "q must be 0 or n = 3 for additive noise"),
+        (("--pes", 99), "pes must be between 1 and the number of columns"),
+    ],
+)  # fmt: skip
+def test_sizes_are_checked(new, tmp_path, options, message):
+    assert message in new("strut", *options, code=2).stderr
+    assert not (tmp_path / "strut").exists()
+
+
+def test_scenarios_must_be_found_by_the_simulator():
+    with pytest.raises(ValueError, match=r"^make must be a function at the top level of a module"):
+        cosimulate_scenario(lambda steps: pendulum(steps=steps), 3)
+    with pytest.raises(ValueError, match=r"^steps must be between 1 and 3, not 4"):
+        cosimulate_scenario(three_steps, 4)
+    program = (
+        "from ukf_sim.scenarios import cosimulate_scenario\n"
+        "def make(steps): return None\n"
+        "cosimulate_scenario(make, 3)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert "make must be in a module that can be imported, not in the script" in done.stderr
+
+
+def three_steps(steps: int) -> Scenario:
+    return pendulum(steps=3)
+
+
+@pytest.mark.system
+def test_project_works_as_it_is(new, tmp_path, core_cache):
+    """Its own tests, and all of its commands; on one compiled core, which is kept."""
+    new("strut", "--n", 1, "--m", 1)
+    project = tmp_path / "strut"
+    core_cache.mkdir(parents=True, exist_ok=True)
+    (project / "build").mkdir()
+    (project / "build" / "cosim").symlink_to(core_cache)
+
+    def make(*arguments):
+        done = subprocess.run(
+            ["make", "--silent", f"PYTHON={sys.executable}", *arguments],
+            cwd=project, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    assert "3 passed" in make("test")
+    assert '-m pytest -m "not cosim"' in make("--dry-run", "test-fast")
+    assert "golden model        from 200 s on: rms error" in make("run")
+    text = make("cosim")
+    assert "Bit-exact: " in text
+    assert "UPDATE" in text
+    assert "build/rtl/ukf_core.v" in make("generate")
+    assert "module ukf_core" in (project / "build" / "rtl" / "ukf_core.v").read_text()
+    for image in ("run.png", "cosim.png"):
+        assert (project / "build" / image).read_bytes().startswith(b"\x89PNG")
+    for target in ("run", "cosim", "generate", "test", "test-fast", "clean"):
+        assert f"\n{target} " in "\n" + make("help")
