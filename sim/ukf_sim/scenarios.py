@@ -40,11 +40,9 @@ class Cosimulation:
     words_compared
         Words that were compared with the golden model's.
     cycles
-        Clocks of each step, as the core counted them, of the iteration with the most: others may
-        have no update.
+        Clocks of each step of the last iteration with an update, as the core counted them.
     traffic
-        Words on the bus of the iteration with the most, as
-        :class:`ukf_sw.driver.Traffic` names them.
+        Words on the bus of that iteration, as :class:`ukf_sw.driver.Traffic` names them.
     """
 
     steps: int
@@ -75,11 +73,6 @@ def _check_importable(make: Callable[[int], Scenario]) -> None:
             "make must be in a module that can be imported, not in the script that is run: "
             f"{make!r}"
         )
-
-
-def _longest(iterations: list[dict[str, int]]) -> dict[str, int]:
-    """Give the iteration with the most in it."""
-    return max(iterations, key=lambda iteration: sum(iteration.values()), default={})
 
 
 def cosimulate_scenario(
@@ -133,6 +126,8 @@ def cosimulate_scenario(
     found = outcome.result
     x = found["x"]
     count = len(x)
+    updates = [k for k, clocks in enumerate(found["cycles"]) if "UPDATE" in clocks]
+    last = updates[-1] if updates else count - 1
     return Cosimulation(
         steps=steps,
         results=None if not count else Results(
@@ -146,6 +141,6 @@ def cosimulate_scenario(
         mismatch=found["mismatch"],
         stopped=found["stopped"],
         words_compared=found["words_compared"],
-        cycles=_longest(found["cycles"]),
-        traffic=_longest(found["traffic"]),
+        cycles=found["cycles"][last] if count else {},
+        traffic=found["traffic"][last] if count else {},
     )  # fmt: skip
