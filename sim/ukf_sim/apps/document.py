@@ -163,7 +163,10 @@ def _study(study: dict[str, Any], records: list[dict[str, Any]]) -> str:
                 cell += f", {found['diverged']} diverged"
             verdict = verdicts.get(f"{row['name']}, {label}")
             if verdict is not None and verdict["reference"] is not None:
-                cell += f" ({number(verdict['reference'])})"
+                other = number(verdict["reference"])
+                cell += (
+                    f" ({other} diverged)" if verdict["measure"] == "diverged" else f" ({other})"
+                )
             if verdict is not None and not verdict["okay"]:
                 cell += " **missed**"
             cells.append(cell)
