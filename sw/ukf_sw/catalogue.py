@@ -256,7 +256,7 @@ _ENTRIES = (
     ),
     Entry(
         name="nanosat-2014-rates",
-        doc="The same with independent rates: gyroscope at 1 kHz, vector sensors at 100 Hz.",
+        doc="nanosat-2014 with independent rates: gyroscope 1 kHz, vector sensors 100 Hz.",
         source="Soh and Wu 2014",
         factory=lambda seed, steps: nanosat_2014_rates(seed, P0=0.01, steps=steps),
         settled=1.0,
@@ -264,7 +264,7 @@ _ENTRIES = (
     ),
     Entry(
         name="nanosat-2014-gaps",
-        doc="The same, each vector sensor with random gaps of 1 to 19 ms: masked updates.",
+        doc="nanosat-2014, each vector sensor with random gaps of 1 to 19 ms: masked updates.",
         source="Soh and Wu 2014",
         factory=lambda seed, steps: nanosat_2014_rates(seed, gaps="random", P0=0.01, steps=steps),
         settled=1.0,
@@ -301,7 +301,7 @@ _ENTRIES = (
     ),
     Entry(
         name="ctrv-masked",
-        doc="The same, with the lidar's third row masked instead of padded.",
+        doc="ctrv with the lidar's third row masked instead of padded.",
         source="Records of Udacity's CarND-Extended-Kalman-Filter-Project",
         factory=lambda seed, steps: ctrv(lidar="masked", steps=steps),
         bounds=(
@@ -321,7 +321,7 @@ _ENTRIES = (
     ),
     Entry(
         name="reentry-earth",
-        doc="The same with coordinates from the centre of the Earth: near the limit of binary32.",
+        doc="reentry in coordinates from the centre of the Earth: near the limit of binary32.",
         source="Julier and Uhlmann 2004",
         factory=lambda seed, steps: reentry(seed, steps=steps),
         runs=5,
