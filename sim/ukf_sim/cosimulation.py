@@ -22,7 +22,16 @@ if TYPE_CHECKING:
     from ukf_sim.bus import CoreBench
     from ukf_sim.lockstep import LockstepBus
 
-__all__ = ["CACHE", "JOB_VARIABLE", "Context", "Failure", "Job", "Outcome", "cosimulate"]
+__all__ = [
+    "CACHE",
+    "JOB_VARIABLE",
+    "Context",
+    "Failure",
+    "Job",
+    "Outcome",
+    "cosimulate",
+    "step_timeout",
+]
 
 #: Folder of compiled cores.
 CACHE = Path("build/cosim")
@@ -93,6 +102,15 @@ class Outcome:
     seconds: float
 
 
+def step_timeout(params: UkfParams, pipeline: Pipeline, word_clocks: float = 0.0) -> float:
+    """Give a time, in simulated seconds, that no step needs."""
+    from ukf_sim.bus import CLOCK_HZ
+
+    code = microcode(params, pipeline)
+    longest = max(code.clocks(program) for program in Program)
+    return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
+
+
 @dataclass(frozen=True, kw_only=True)
 class Context:
     """What a task works with, in the process of the simulator.
@@ -121,16 +139,12 @@ class Context:
 
     def driver(self) -> Driver:
         """Make a driver on that bus, with a time-out that no step needs."""
-        from ukf_sim.bus import CLOCK_HZ
-
         bus = self.lockstep
-        code = microcode(self.job.params, self.job.pipeline)
-        longest = max(code.clocks(program) for program in Program)
         return Driver(
             bus,
             self.job.params,
             interrupt=bus.wait_for_interrupt if self.job.interrupt else None,
-            timeout=(2 * longest + 1000 + 100 * self.job.word_clocks) / CLOCK_HZ,
+            timeout=step_timeout(self.job.params, self.job.pipeline, self.job.word_clocks),
             clock=bus.clock,
             count_cycles=True,
         )
