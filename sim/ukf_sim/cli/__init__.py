@@ -3,6 +3,7 @@
 import typer
 
 from ukf_sim.cli.apps import apps_app
+from ukf_sim.cli.baseline import baseline
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
 from ukf_sim.cli.new import new
@@ -21,4 +22,5 @@ app = typer.Typer(
 )
 for command in (generate, latency, cosim, run, new):
     app.command()(command)
+app.command()(baseline)
 app.add_typer(apps_app)
