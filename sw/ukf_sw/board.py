@@ -114,8 +114,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         Exit code: 0, 1 if the core, its device or the comparison failed, 2 for bad arguments.
     """
-    # An access that a core refuses ends the process: then at least say where.
-    faulthandler.enable()
     options = _parser().parse_args(arguments)
     try:
         made: Scenario = SCENARIOS[options.config](options.seed, steps=options.steps)
@@ -152,4 +150,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    # An access that a core refuses ends the process: then at least say where.
+    faulthandler.enable()
     sys.exit(main())

@@ -6,7 +6,7 @@ from ukf_sim.cli.apps import apps_app
 from ukf_sim.cli.baseline import baseline
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
-from ukf_sim.cli.new import new
+for command in (generate, latency, cosim, run, new):
 from ukf_sim.cli.run import run
 
 # What takes long to import is imported by the commands that need it.
@@ -23,4 +23,6 @@ app = typer.Typer(
 for command in (generate, latency, cosim, run, new):
     app.command()(command)
 app.command()(baseline)
+app.command()(package)
+app.command()(testbench)
 app.add_typer(apps_app)
