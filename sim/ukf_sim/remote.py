@@ -8,6 +8,7 @@ as it is. Everything goes through the lockstep bus, compared with the golden mod
 import tempfile
 import threading
 import weakref
+from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
 from typing import Any
@@ -150,10 +151,8 @@ def _simulate(
         cosimulate(job, simulator, cache=cache)
     except Exception as error:
         errors.append(error)
-        try:
+        with suppress(OSError):  # it had connected
             Client(address).close()
-        except OSError:
-            pass  # it had connected
 
 
 def _stop(connection: Connection, thread: threading.Thread) -> None:

@@ -110,8 +110,25 @@ _BOARD_PARTS = {
 _PARTS = frozenset(_BOARD_PARTS.values())
 #: Signals of AXI4-Lite that a slave must have.
 _AXI = frozenset(
-    "AWADDR AWVALID AWREADY WDATA WSTRB WVALID WREADY BRESP BVALID BREADY "
-    "ARADDR ARVALID ARREADY RDATA RRESP RVALID RREADY".split()
+    [
+        "AWADDR",
+        "AWVALID",
+        "AWREADY",
+        "WDATA",
+        "WSTRB",
+        "WVALID",
+        "WREADY",
+        "BRESP",
+        "BVALID",
+        "BREADY",
+        "ARADDR",
+        "ARVALID",
+        "ARREADY",
+        "RDATA",
+        "RRESP",
+        "RVALID",
+        "RREADY",
+    ]
 )
 
 

@@ -14,7 +14,7 @@ import argparse
 import faulthandler
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,11 +32,16 @@ from ukf_sw.systems.nanosat import nanosat, nanosat_2014
 
 __all__ = ["compare", "main"]
 
+
+def _additive(seed: int = 0, *, steps: int | None = None) -> Scenario:
+    return nanosat(seed, noise=Noise.ADDITIVE, steps=steps)
+
+
 #: What can be run; the catalogue has more, but needs more than NumPy.
-SCENARIOS = {
+SCENARIOS: dict[str, Callable[..., Scenario]] = {
     "nanosat": nanosat,
     "nanosat-2014": nanosat_2014,
-    "nanosat-additive": lambda seed, **other: nanosat(seed, noise=Noise.ADDITIVE, **other),
+    "nanosat-additive": _additive,
 }
 
 
@@ -116,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        made: Scenario = SCENARIOS[options.config](options.seed, steps=options.steps)
+        made = SCENARIOS[options.config](options.seed, steps=options.steps)
         scenario = replace(made, params=replace(made.params, pes=options.pes))
         backend = make_backend(options.backend, scenario.params)
         if isinstance(backend, Driver):
@@ -131,13 +136,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 1
     _print(results, run(scenario, ReferenceUkf(scenario.params)), backend, seconds)
-    about = {
+    about: dict[str, Any] = {
         "config": options.config,
         "seed": options.seed,
         "pes": backend.pes if isinstance(backend, Driver) else 0,
     }
     if options.save:
-        np.savez(options.save, x=results.x, **about)
+        np.savez(options.save, allow_pickle=False, x=results.x, **about)
     if options.compare:
         with np.load(options.compare) as file:
             saved = {name: file[name] if name == "x" else file[name].item() for name in file}

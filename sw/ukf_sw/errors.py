@@ -55,7 +55,7 @@ class DeviceMissingError(DeviceError):
 
 
 class DevicePermissionError(DeviceError):
-    """This user may not use the device."""
+    """The device is there, but not for this user."""
 
 
 class WrongCoreError(UkfError):

@@ -68,6 +68,9 @@ class PynqBus(DeviceBus):
             raise DeviceError(self._name, f"PYNQ cannot map it: {error}") from error
         self._interrupt: Any = None
         if interrupt is not None:
+            # PYNQ has its interrupts wait in the loop that is the current one when it makes them.
+            self._loop = asyncio.new_event_loop()
+            asyncio.set_event_loop(self._loop)
             try:
                 self._interrupt = pynq.Interrupt(interrupt)
             except ValueError as error:
@@ -85,7 +88,7 @@ class PynqBus(DeviceBus):
     def wait_for_interrupt(self, timeout: float) -> bool:
         """Wait for the interrupt, so many seconds at most; tells whether it came.
 
-        Must not be called from a running event loop, because it runs PYNQ's.
+        Must not be called from a running event loop, because it runs one.
 
         Raises
         ------
@@ -94,9 +97,8 @@ class PynqBus(DeviceBus):
         """
         if self._interrupt is None:
             raise DeviceError(self._name, "the bus was made without an interrupt")
-        loop = asyncio.get_event_loop_policy().get_event_loop()
         try:
-            loop.run_until_complete(asyncio.wait_for(self._interrupt.wait(), timeout))
+            self._loop.run_until_complete(asyncio.wait_for(self._interrupt.wait(), timeout))
         except TimeoutError:
             return False
         return True

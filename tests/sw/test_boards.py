@@ -187,7 +187,7 @@ def test_words_are_whole_and_in_place(device):
         assert device.words[places >> 2].tolist() == words.tolist()
 
 
-def uio_tree(folder, *, name="ukf_core", size=hex(SIZE)):
+def uio_tree(folder, *, name="ukf_core", size=f"{SIZE:#x}"):
     node = folder / "sys" / "uio3"
     (node / "maps" / "map0").mkdir(parents=True)
     (node / "name").write_text(f"{name}\n")
@@ -278,11 +278,13 @@ def pynq(monkeypatch):
     module = types.ModuleType("pynq")
     module.MMIO, module.Interrupt = FakeMMIO, FakeInterrupt
     monkeypatch.setitem(sys.modules, "pynq", module)
-    loop = asyncio.new_event_loop()
-    asyncio.set_event_loop(loop)
+    made = []
+    new = asyncio.new_event_loop
+    monkeypatch.setattr(asyncio, "new_event_loop", lambda: made.append(new()) or made[-1])
     yield module
     asyncio.set_event_loop(None)
-    loop.close()
+    for loop in made:
+        loop.close()
 
 
 @pytest.mark.parametrize("name", ["pynq:0x43C00000", "pynq:0x43C00000,ukf_core_0/irq"])

@@ -37,8 +37,6 @@ BOARDS = {
                 "digilentinc.com:zedboard:part0:*",
             ),
         ),
-        Board(
-            name="pynq-z2", part="xc7z020clg400-1", board_parts=("tul.com.tw:pynq-z2:part0:*",)
-        ),
+        Board(name="pynq-z2", part="xc7z020clg400-1", board_parts=("tul.com.tw:pynq-z2:part0:*",)),
     )
 }

@@ -78,7 +78,7 @@ def _settings(params: UkfParams, board: Board) -> str:
 
 def _constraints() -> str:
     return (
-        "# For synthesis of the core by itself; in the block design its clock comes with FCLK_CLK0.\n"
+        "# For synthesis of the core by itself; in the block design its clock is FCLK_CLK0.\n"
         "# No port of the system is a pin of ours: those of the processor are in its preset.\n"
         f"create_clock -period {1000 / CLOCK_MHZ:.3f} [get_ports {_port('clock')}]\n"
     )

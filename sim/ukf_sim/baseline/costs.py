@@ -79,7 +79,7 @@ def rewrite(instruction: str) -> list[str]:
     if name.startswith("vmov") and re.search(r", #\d+$", operands) and ".f" in name:
         return [f"{name} {operands.partition(',')[0]}, #1.0"]
     if name in ("ldrd", "strd"):
-        return [f"{name} r0, r1, {operands[operands.index('['):]}"]
+        return [f"{name} r0, r1, {operands[operands.index('[') :]}"]
     match = re.match(r"(v?ldm|v?stm|v?push|v?pop)(ia|db|ib|da)?$", name)
     if match:
         return _block(match[1], operands)

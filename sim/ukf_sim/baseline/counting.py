@@ -55,7 +55,9 @@ def count(program: Program, variant: str, scenario: Scenario, folder: Path) -> C
         If a tool is missing or fails.
     """
     plugin, output = folder / "count.so", folder / f"counts-{variant}.txt"
-    execute(["gcc", "-std=c11", "-O2", "-shared", "-fPIC", str(SOURCES / "count.c"), "-o", str(plugin)])
+    execute(
+        ["gcc", "-std=c11", "-O2", "-shared", "-fPIC", str(SOURCES / "count.c"), "-o", str(plugin)]
+    )
     program.run(variant, scenario, ("-d", "plugin", "-plugin", f"{plugin},output={output}"))
     instructions = _disassemble(program.path)
     counts: Counts = {section: defaultdict(int) for section in SECTIONS}

@@ -80,8 +80,8 @@ def need(tool: str) -> str:
     return found
 
 
-def execute(command: list[str], **options: object) -> bytes:
-    """Run a command and give its output.
+def execute(command: list[str], given: bytes | None = None) -> bytes:
+    """Run a command, with what it is given on its standard input, and give its output.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def execute(command: list[str], **options: object) -> bytes:
         If it fails.
     """
     need(command[0])
-    result = subprocess.run(command, capture_output=True, check=False, **options)  # pyright: ignore
+    result = subprocess.run(command, capture_output=True, check=False, input=given)
     if result.returncode:
         text = result.stderr.decode(errors="replace").strip()
         raise BaselineError(f"{Path(command[0]).name} failed: {text[-2000:]}")
@@ -141,7 +141,7 @@ class Program:
         steps = np.hstack((np.asarray(scenario.inputs), scenario.measurements))
         numbers = np.concatenate((first, *(a.reshape(-1) for a in matrices), steps.reshape(-1)))
         emulator = [*self.target.emulator, *emulator_flags] if self.target.emulator else []
-        output = execute([*emulator, str(self.path), variant], input=numbers.tobytes())
+        output = execute([*emulator, str(self.path), variant], numbers.tobytes())
         return np.frombuffer(output).reshape(-1, len(scenario.x0))
 
 

@@ -176,13 +176,13 @@ def markdown(record: dict[str, Any]) -> dict[str, str]:
         f"| 2018 paper, measured | – | in predict | {paper['predict']:g} | {paper['update']:g} "
         f"| {paper['models']:g} | **{paper['total']:g}** |"
     )
+    headings = (
+        "noise", "PEs", "hardware", "bus", "models", "**iteration**", "over `gsl`", "over fast",
+        "over the paper's", "hardware part: over `gsl`", "over fast",
+    )  # fmt: skip
     core = [
-        "| noise | PEs | hardware, us | bus, us | models, us | **iteration, us** "
-        "| over `gsl` | over fast software | over the paper's software "
-        "| hardware part alone: over `gsl` | over fast |",
-        "|-------|----:|-------------:|--------:|-----------:|-------------------:"
-        "|-----------:|-------------------:|--------------------------:"
-        "|--------------------------------:|----------:|",
+        f"| {' | '.join(headings)} |",
+        f"|---|{'---:|' * (len(headings) - 1)}",
     ]
     for noise, rows in record["core"].items():
         fast = "fast" if noise == Noise.AUGMENTED.value else "fast-additive"

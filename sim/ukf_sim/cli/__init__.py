@@ -21,7 +21,6 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 for command in (generate, latency, cosim, run, new):
-    app.command()(command)
 app.command()(baseline)
 app.command()(package)
 app.command()(testbench)

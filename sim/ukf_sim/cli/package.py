@@ -1,6 +1,5 @@
 """Commands that put a core into other people's tools: ``ukf package``, ``ukf testbench``."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +9,7 @@ from ukf_hdl.packaging.boards import BOARDS
 from ukf_sim.cli.console import JsonOption, fail, print_json, progress_bars, results
 from ukf_sim.cli.options import Core, SeedOption, with_core
 
-__all__ = ["package", "testbench"]
-
-BoardName = StrEnum("BoardName", {name: name for name in BOARDS})
+__all__ = ["package", "write_testbench"]
 
 
 def _folder(output: Path) -> None:
@@ -23,7 +20,7 @@ def _folder(output: Path) -> None:
 @with_core
 def package(
     core: Core,
-    board: Annotated[BoardName, typer.Option("--board", help="Board.")],  # pyright: ignore
+    board: Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")],
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/package"
     ),
@@ -36,6 +33,8 @@ def package(
 
     Vivado has not run the scripts: they are checked on a model of its commands.
     """
+    if board not in BOARDS:
+        fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
     _folder(output)
     from ukf_hdl.packaging.package import package as write
     from ukf_sim.vivado_check import ScriptError, check_package
@@ -43,7 +42,7 @@ def package(
     with progress_bars(counted=False) as bars:
         bars.add_task("Packaging", total=None)
         try:
-            files = write(core.params, core.pipeline, BOARDS[board.value], output)
+            files = write(core.params, core.pipeline, BOARDS[board], output)
             checked = check_package(output) if check else None
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
@@ -68,7 +67,7 @@ def package(
 
 
 @with_core
-def testbench(
+def write_testbench(
     core: Core,
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/testbench"
