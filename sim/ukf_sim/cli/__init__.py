@@ -6,7 +6,8 @@ from ukf_sim.cli.apps import apps_app
 from ukf_sim.cli.baseline import baseline
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
-for command in (generate, latency, cosim, run, new):
+from ukf_sim.cli.new import new
+from ukf_sim.cli.package import package, write_testbench
 from ukf_sim.cli.run import run
 
 # What takes long to import is imported by the commands that need it.
@@ -21,7 +22,8 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 for command in (generate, latency, cosim, run, new):
-app.command()(baseline)
-app.command()(package)
-app.command()(testbench)
+    app.command()(command)
+for command in (package, baseline):
+    app.command()(command)
+app.command("testbench")(write_testbench)
 app.add_typer(apps_app)
