@@ -1,0 +1,68 @@
+"""The simulated core as a backend by name, in the process of a script."""
+
+import numpy as np
+import pytest
+
+from ukf_sim.configurations import random_scenario
+from ukf_sim.cosimulation import CACHE
+from ukf_sim.remote import RemoteBus
+from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.backends import backend_names, make_backend
+from ukf_sw.driver import Driver
+from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import UkfParams
+from ukf_sw.registers import ID
+from ukf_sw.scenario import run
+
+pytestmark = pytest.mark.system
+
+TINY = UkfParams(n=1, m=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder of a script: the core is compiled there once."""
+    return tmp_path_factory.mktemp("script")
+
+
+def test_script_runs_on_the_simulated_core(icarus, folder, monkeypatch):
+    assert "cosim" in backend_names()
+    monkeypatch.chdir(folder)
+    scenario = random_scenario(TINY, steps=3)
+    ukf = scenario.filter("cosim:icarus")
+    assert isinstance(ukf.backend, Driver)
+    results = run(scenario, ukf.backend)
+    assert np.array_equal(results.x, run(scenario, "golden").x)
+    assert ukf.backend.last_cycles["UPDATE"] > 0
+    # Errors of the core arrive as they do from any other backend.
+    with pytest.raises(NotFiniteError):
+        ukf.backend.predict(np.full((1, TINY.N), np.inf))
+    with pytest.raises(ValueError, match=r"^backend must be cosim:verilator or cosim:icarus, not"):
+        make_backend("cosim:vcs", TINY)
+
+
+def test_bus_of_a_simulated_core(icarus, folder):
+    bus = RemoteBus(TINY, simulator=icarus, cache=folder / CACHE)
+    assert ID["MAGIC"].get(bus.read(ID.offset)) == ID["MAGIC"].reset
+    with pytest.raises(BusError) as caught:
+        bus.read(0xFC)
+    assert (caught.value.address, caught.value.access) == (0xFC, "read")
+    address = MemoryMap(TINY).address("x", 0, 0)
+    bus.write(address, 0x3F80_0000)
+    assert bus.read_many(np.array([address])).tolist() == [0x3F80_0000]
+    before = bus.clock()
+    assert not bus.wait_for_interrupt(1e-6)
+    assert bus.clock() >= before + 1e-6
+    with pytest.raises(WrongCoreError):
+        Driver(bus, UkfParams(n=2, m=1))
+    bus.close()
+    bus.close()
+    with pytest.raises(SimulatorError, match="^The simulation has ended$"):
+        bus.read(ID.offset)
+
+
+def test_simulator_that_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr(Simulator, "available", property(lambda self: False))
+    with pytest.raises(SimulatorError, match="is not installed"):
+        RemoteBus(TINY, simulator=Simulator.ICARUS, cache=tmp_path)
