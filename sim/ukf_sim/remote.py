@@ -5,6 +5,9 @@ socket and does them, so the software can stay where it is: in a script that wou
 as it is. Everything goes through the lockstep bus, compared with the golden model.
 """
 
+import pickle
+import subprocess
+import sys
 import tempfile
 import threading
 import weakref
@@ -38,6 +41,7 @@ def serve(context: Context, *, address: str) -> None:
     """
     bus = context.lockstep
     with Client(address) as connection:
+        connection.send(("ready", None))
         while True:
             try:
                 name, arguments = connection.recv()
@@ -79,7 +83,6 @@ class RemoteBus:
         *,
         cache: Path = CACHE,
     ) -> None:
-        self._errors: list[Exception] = []
         with tempfile.TemporaryDirectory(prefix="ukf-bus-") as folder:
             address = str(Path(folder) / "socket")
             job = Job(
@@ -88,17 +91,21 @@ class RemoteBus:
                 task="ukf_sim.remote:serve",
                 arguments={"address": address},
             )
+            (Path(folder) / "job.pickle").write_bytes(pickle.dumps((job, simulator, cache)))
+            # A process of its own: compiling and simulating change the environment of a process.
+            command = [sys.executable, "-m", "ukf_sim.remote", folder]
             with Listener(address) as listener:
-                thread = threading.Thread(
-                    target=_simulate, args=(job, simulator, cache, address, self._errors),
-                    name="cosim", daemon=True,
-                )  # fmt: skip
-                thread.start()
+                process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+                threading.Thread(target=_unblock, args=(process, address), daemon=True).start()
                 self._connection = listener.accept()
-        self._finalizer = weakref.finalize(self, _stop, self._connection, thread)
-        if self._errors:
+            try:
+                kind, text = self._connection.recv()
+            except EOFError:
+                kind, text = "failed", f"The simulation ended with the code {process.wait()}"
+        self._finalizer = weakref.finalize(self, _stop, self._connection, process)
+        if kind == "failed":
             self.close()
-            raise self._errors[0]
+            raise SimulatorError(text)
 
     def close(self) -> None:
         """End the simulation."""
@@ -109,9 +116,7 @@ class RemoteBus:
             self._connection.send((name, arguments))
             kind, value = self._connection.recv()
         except (EOFError, OSError) as error:
-            raise SimulatorError("The simulation has ended") from (
-                self._errors[0] if self._errors else error
-            )
+            raise SimulatorError("The simulation has ended") from error
         if kind == "refused":
             raise BusError(*value)
         if kind == "mismatch":
@@ -143,21 +148,27 @@ class RemoteBus:
         return self._call("clock")
 
 
-def _simulate(
-    job: Job, simulator: Simulator, cache: Path, address: str, errors: list[Exception]
-) -> None:
-    """Run the simulation; if it fails before it connects, connect in its place."""
+def _unblock(process: subprocess.Popen[bytes], address: str) -> None:
+    """Connect in the place of a process that ended before it could."""
+    process.wait()
+    with suppress(OSError):
+        Client(address).close()
+
+
+def _stop(connection: Connection, process: subprocess.Popen[bytes]) -> None:
+    connection.close()
+    process.wait()
+
+
+def main(folder: Path) -> None:
+    """Simulate what a :class:`RemoteBus` left in a folder: the process that it starts."""
+    job, simulator, cache = pickle.loads((folder / "job.pickle").read_bytes())
     try:
         cosimulate(job, simulator, cache=cache)
     except Exception as error:
-        errors.append(error)
-        with suppress(OSError):  # it had connected
-            Client(address).close()
-
-
-def _stop(connection: Connection, thread: threading.Thread) -> None:
-    connection.close()
-    thread.join()
+        with suppress(OSError), Client(job.arguments["address"]) as connection:
+            connection.send(("failed", str(error)))
+        raise SystemExit(1) from error
 
 
 def make_backend(params: UkfParams, where: str = "") -> Driver:
@@ -185,3 +196,7 @@ def make_backend(params: UkfParams, where: str = "") -> Driver:
         bus, params, interrupt=bus.wait_for_interrupt, clock=bus.clock, count_cycles=True,
         timeout=step_timeout(params, Pipeline()),
     )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -6,7 +6,7 @@ import pytest
 from ukf_sim.configurations import random_scenario
 from ukf_sim.cosimulation import CACHE
 from ukf_sim.remote import RemoteBus
-from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
@@ -17,7 +17,7 @@ from ukf_sw.scenario import run
 
 pytestmark = pytest.mark.system
 
-TINY = UkfParams(n=1, m=1)
+TINY = UkfParams(n=1, m=1, q=1, r=1)
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +58,11 @@ def test_bus_of_a_simulated_core(icarus, folder):
         Driver(bus, UkfParams(n=2, m=1))
     bus.close()
     bus.close()
-    with pytest.raises(SimulatorError, match="^The simulation has ended$"):
+    with pytest.raises(SimulatorError, match=r"^The simulation has ended$"):
         bus.read(ID.offset)
 
 
-def test_simulator_that_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr(Simulator, "available", property(lambda self: False))
-    with pytest.raises(SimulatorError, match="is not installed"):
-        RemoteBus(TINY, simulator=Simulator.ICARUS, cache=tmp_path)
+def test_simulator_that_fails(icarus, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(SimulatorError, match="File exists"):
+        RemoteBus(TINY, simulator=icarus, cache=tmp_path / "file")
