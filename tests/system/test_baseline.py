@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from ukf_sim.baseline.costs import cost, rewrite
 from ukf_sim.baseline.counting import SECTIONS, count
 from ukf_sim.baseline.program import ARM, NATIVE, VARIANTS, BaselineError, Target, build
 from ukf_sim.baseline.report import DOCUMENT, MEASURED, PAPER, bus_words, refresh
+from ukf_sim.cli import app
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.scenario import run
 from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
@@ -200,6 +202,13 @@ def test_tables_are_current():
     assert refresh(text, json.loads(MEASURED.read_text(encoding="utf-8"))) == text
     with pytest.raises(ValueError, match="must have the markers of the table 'core'"):
         refresh(text.replace("<!-- BEGIN GENERATED core -->", ""), json.loads(MEASURED.read_text()))
+
+
+def test_command_says_what_is_missing(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    result = CliRunner().invoke(app, ["baseline"], env={"COLUMNS": "500"})
+    assert result.exit_code == 1
+    assert "arm-linux-gnueabihf-gcc is not installed" in result.stderr
 
 
 @needs("shellcheck")

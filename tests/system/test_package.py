@@ -204,6 +204,22 @@ def test_command(tmp_path, monkeypatch):
         assert own.read_bytes() == other.read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["package", "--board", "arty"], "--board must be one of zedboard, pynq-z2, not 'arty'"),
+        (["package", "--board", "zedboard", "--output", "file"], "--output must be a folder, not"),
+        (["testbench", "--output", "file"], "--output must be a folder, not the file 'file'"),
+    ],
+)
+def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    result = CliRunner().invoke(app, [*arguments, "--n", "1", "--m", "1"], env={"COLUMNS": "500"})
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
 # The testbench in Verilog.
 
 
