@@ -181,6 +181,10 @@ def test_published_figures_hang_together():
     assert check["models"][0] < PAPER["models"] < check["models"][1]
     assert check["update"][0] < PAPER["update"] < check["update"][1]
     assert check["predict"][1] < PAPER["predict"]
+    for section in ("models", "update"):
+        low, high = check[section]
+        assert (low * high) ** 0.5 == pytest.approx(PAPER[section], rel=0.15)
+        assert 3.0 < high / low < 4.0
 
 
 def test_cycles_are_current():
