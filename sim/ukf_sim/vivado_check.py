@@ -697,6 +697,8 @@ class _Vivado:
     do_report_utilization = do_report_timing_summary = do_report_power = _report
 
     def do_get_timing_paths(self, a: _Arguments) -> str:
+        if a.options.get("-delay_type", "max") not in ("max", "min", "min_max"):
+            raise ScriptError(f"there are no delays {a.options['-delay_type']}")
         return "path"
 
     def do_write_hw_platform(self, a: _Arguments) -> None:
@@ -755,7 +757,7 @@ _OPTIONS = {
     "report_utilization": _options("-file", "-hierarchical"),
     "report_timing_summary": _options("-file"),
     "report_power": _options("-file"),
-    "get_timing_paths": _options("-max_paths"),
+    "get_timing_paths": _options("-max_paths -delay_type"),
     "write_hw_platform": _options("-file", "-fixed -include_bit -force"),
 }
 

@@ -126,6 +126,7 @@ MISTAKES = {
     "top": ("build.tcl", "${design_name}_wrapper [curr", "${design_name} [curr", "top must be"),
     "run": ("build.tcl", "launch_runs impl_1", "launch_runs impl_2", "no run impl_2"),
     "no bitstream": ("build.tcl", "-to_step write_bitstream ", "", "after it is made"),
+    "hold": ("build.tcl", "hold min", "hold low", "no delays low"),
     "output": ("build.tcl", "${design_name}.bit]", "x.bit]", "must end with bit"),
     "constraint": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports clk", "there is no clock clk"),
     "constraint of another port": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports irq", "no cl"),

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ukf_sim.configurations import random_scenario
-from ukf_sim.cosimulation import CACHE
 from ukf_sim.remote import RemoteBus
 from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
@@ -12,7 +11,7 @@ from ukf_sw.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import UkfParams
-from ukf_sw.registers import ID
+from ukf_sw.registers import ID, INTERRUPT_PENDING
 from ukf_sw.scenario import run
 
 pytestmark = pytest.mark.system
@@ -20,30 +19,23 @@ pytestmark = pytest.mark.system
 TINY = UkfParams(n=1, m=1, q=1, r=1)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Folder of a script: the core is compiled there once."""
-    return tmp_path_factory.mktemp("script")
-
-
-def test_script_runs_on_the_simulated_core(icarus, folder, monkeypatch):
+def test_script_runs_on_the_simulated_core(icarus, tmp_path, monkeypatch):
+    """All in one test, because a simulation takes long to start."""
     assert "cosim" in backend_names()
-    monkeypatch.chdir(folder)
+    monkeypatch.chdir(tmp_path)
     scenario = random_scenario(TINY, steps=3)
     ukf = scenario.filter("cosim:icarus")
-    assert isinstance(ukf.backend, Driver)
-    results = run(scenario, ukf.backend)
+    driver = ukf.backend
+    assert isinstance(driver, Driver)
+    results = run(scenario, driver)
     assert np.array_equal(results.x, run(scenario, "golden").x)
-    assert ukf.backend.last_cycles["UPDATE"] > 0
+    assert driver.last_cycles["UPDATE"] > 0
     # Errors of the core arrive as they do from any other backend.
     with pytest.raises(NotFiniteError):
-        ukf.backend.predict(np.full((1, TINY.N), np.inf))
-    with pytest.raises(ValueError, match=r"^backend must be cosim:verilator or cosim:icarus, not"):
-        make_backend("cosim:vcs", TINY)
+        driver.predict(np.full((1, TINY.N), np.inf))
 
-
-def test_bus_of_a_simulated_core(icarus, folder):
-    bus = RemoteBus(TINY, simulator=icarus, cache=folder / CACHE)
+    bus = driver._bus
+    assert isinstance(bus, RemoteBus)
     assert ID["MAGIC"].get(bus.read(ID.offset)) == ID["MAGIC"].reset
     with pytest.raises(BusError) as caught:
         bus.read(0xFC)
@@ -51,15 +43,21 @@ def test_bus_of_a_simulated_core(icarus, folder):
     address = MemoryMap(TINY).address("x", 0, 0)
     bus.write(address, 0x3F80_0000)
     assert bus.read_many(np.array([address])).tolist() == [0x3F80_0000]
+    with pytest.raises(WrongCoreError):
+        Driver(bus, UkfParams(n=2, m=1))
+    bus.write(INTERRUPT_PENDING.offset, 3)
     before = bus.clock()
     assert not bus.wait_for_interrupt(1e-6)
     assert bus.clock() >= before + 1e-6
-    with pytest.raises(WrongCoreError):
-        Driver(bus, UkfParams(n=2, m=1))
     bus.close()
     bus.close()
     with pytest.raises(SimulatorError, match=r"^The simulation has ended$"):
         bus.read(ID.offset)
+
+
+def test_simulators_that_there_are_not():
+    with pytest.raises(ValueError, match=r"^backend must be cosim:verilator or cosim:icarus, not"):
+        make_backend("cosim:vcs", TINY)
 
 
 def test_simulator_that_fails(icarus, tmp_path):

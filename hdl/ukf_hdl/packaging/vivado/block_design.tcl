@@ -41,7 +41,7 @@ connect_bd_net [get_bd_pins $reset/peripheral_aresetn] \
     [get_bd_pins $core/$core_reset]
 connect_bd_net [get_bd_pins $core/$core_interrupt] [get_bd_pins $ps/IRQ_F2P]
 
-assign_bd_address -offset $core_base -range $core_range \
+assign_bd_address -offset $core_base -range [format 0x%08x $core_range] \
     -target_address_space [get_bd_addr_spaces $ps/Data] \
     [get_bd_addr_segs $core/$core_bus/$core_block] -force
 

@@ -38,9 +38,11 @@ open_run impl_1
 report_utilization -hierarchical -file [file join $build utilization.rpt]
 report_timing_summary -file [file join $build timing.rpt]
 report_power -file [file join $build power.rpt]
-set slack [get_property SLACK [get_timing_paths -max_paths 1]]
-if {$slack < 0} {
-    error "The slack must be at least 0 ns, not $slack ns: see timing.rpt"
+foreach {check delays} {setup max hold min} {
+    set slack [get_property SLACK [get_timing_paths -max_paths 1 -delay_type $delays]]
+    if {$slack < 0} {
+        error "The slack of $check must be at least 0 ns, not $slack ns: see timing.rpt"
+    }
 }
 # PYNQ wants the two files side by side, with one name.
 file copy -force [file join $build ${design_name}.runs impl_1 ${design_name}_wrapper.bit] \
