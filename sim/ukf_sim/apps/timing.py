@@ -8,7 +8,7 @@ from typing import Any
 
 from ukf_sim.configurations import CONFIGURATIONS, Problem
 from ukf_sim.cosimulation import CACHE, Job, cosimulate
-from ukf_sim.report import latency
+from ukf_sim.latency import latency
 from ukf_sim.simulators import Simulator
 from ukf_sw.parameters import Pipeline
 

@@ -6,9 +6,11 @@ from ukf_sim.cli.apps import apps_app
 from ukf_sim.cli.baseline import baseline
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
+from ukf_sim.cli.estimates import resources, timing
 from ukf_sim.cli.new import new
 from ukf_sim.cli.package import package, write_testbench
 from ukf_sim.cli.run import run
+from ukf_sim.cli.sweep import report, sweep
 
 # What takes long to import is imported by the commands that need it.
 
@@ -21,7 +23,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
-for command in (generate, latency, cosim, run, new):
+for command in (generate, latency, resources, timing, sweep, report, cosim, run, new):
     app.command()(command)
 for command in (package, baseline):
     app.command()(command)

@@ -41,8 +41,8 @@ def generate(
 @with_core
 def latency(core: Core, as_json: JsonOption = False) -> None:
     """Print the cycles of every step, from the schedule: what the core's counter will read."""
-    from ukf_sim.report import describe_params
-    from ukf_sim.report import latency as compute
+    from ukf_sim.latency import describe_params
+    from ukf_sim.latency import latency as compute
 
     record = compute(core.params, core.pipeline)
     if as_json:

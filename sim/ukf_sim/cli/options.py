@@ -23,6 +23,7 @@ __all__ = [
     "P0Option",
     "PlotOption",
     "SeedOption",
+    "parse_format",
     "with_core",
 ]
 
@@ -89,7 +90,14 @@ PlotOption = Annotated[
 _STAGES = Pipeline()
 
 
-def _format(name: str) -> FloatFormat:
+def parse_format(name: str) -> FloatFormat:
+    """Give the format of a name, or of widths as in float6.17.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
     if name in FORMATS:
         return FORMATS[name]
     exponent, point, fraction = name.removeprefix("float").partition(".")
@@ -148,7 +156,7 @@ def _core(
     root: RootOption = _STAGES.reciprocal_sqrt,
 ) -> Core:
     """Make a core of its options."""
-    common: dict[str, Any] = {"pes": pes, "form": form, "format": _format(number_format)}
+    common: dict[str, Any] = {"pes": pes, "form": form, "format": parse_format(number_format)}
     if w0 is not None:
         common["W0"] = w0
     noises = {"process_noise": process_noise, "observation_noise": observation_noise}

@@ -55,8 +55,8 @@ def run(
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
+    from ukf_sim.latency import describe_params
     from ukf_sim.plots import plot_errors
-    from ukf_sim.report import describe_params
     from ukf_sim.running import Track, accuracy, make_backend, run_problem
 
     names = tuple(dict.fromkeys((backend.value, "reference")))

@@ -1,0 +1,80 @@
+"""Results on disk, found by what they depend on."""
+
+import hashlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+__all__ = ["CACHE", "Cache", "key_of"]
+
+#: Folder of results unless told otherwise.
+CACHE = Path("build/design-space")
+
+
+def key_of(identity: Any) -> str:
+    """Key of a result: a digest of all that it depends on, which must fit in JSON."""
+    text = json.dumps(identity, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Cache:
+    """Results on disk. A result is written whole or not at all, and never changes.
+
+    Processes may share a folder.
+
+    Parameters
+    ----------
+    folder
+        Where results are; made when the first is written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def _file(self, kind: str, key: str) -> Path:
+        return self.folder / kind / f"{key}.json"
+
+    def get(self, kind: str, key: str) -> dict[str, Any] | None:
+        """Give a result of some kind, or None if there is none that can be read."""
+        try:
+            record = json.loads(self._file(kind, key).read_text(encoding="utf-8"))
+            return record["result"]
+        except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError):
+            return None
+
+    def put(self, kind: str, key: str, result: dict[str, Any], identity: Any = None) -> None:
+        """Keep a result of some kind.
+
+        Parameters
+        ----------
+        kind, key
+            Where.
+        result
+            The result, which must fit in JSON.
+        identity
+            What it depends on, for people who look into the file.
+        """
+        file = self._file(kind, key)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        record = json.dumps({"identity": identity, "result": result}, indent=1)
+        # Whoever is interrupted leaves a file of another name behind at worst.
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix=".", suffix=".part")
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(record)
+                stream.flush()
+                os.fsync(stream.fileno())
+            Path(name).replace(file)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    def keys(self, kind: str) -> frozenset[str]:
+        """Keys of all results of some kind."""
+        return frozenset(
+            file.stem
+            for file in (self.folder / kind).glob("*.json")
+            if not file.name.startswith(".")
+        )
