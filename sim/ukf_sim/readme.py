@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+from ukf_sim import paper_2018
 from ukf_sim.resources import MEASURED
 from ukf_sw import registers
 from ukf_sw.engine.microcode import microcode
@@ -15,16 +16,13 @@ __all__ = ["SECTIONS", "refresh"]
 
 README = Path(__file__).parents[2] / "README.md"
 
-#: Sums of sig_gen, predict and update of the 2018 paper's table 4, in cycles at 100 MHz. It gives
-#: no sig_gen for 1 PE: its first two rows are in one.
-PAPER_CYCLES = {1: "22 600", 2: "13 500", 5: "9 050", 10: "7 450", 22: "–"}
-#: Its table 2.
-PAPER_RESOURCES = {
-    1: ("5 764", "7 668", "35", "16.5"),
-    2: ("15 158", "14 286", "62", "36.5"),
-    5: ("29 500", "27 311", "104", "62"),
-    10: ("53 427", "48 714", "182", "109.5"),
-}
+#: Numbers of processing elements of the table of cycles; the paper has all but the last.
+PES = (*paper_2018.LATENCY, 22)
+
+
+def _thousands(value: int) -> str:
+    """Number with a space between thousands."""
+    return f"{value:,}".replace(",", " ")
 
 
 def cycles() -> str:
@@ -33,7 +31,10 @@ def cycles() -> str:
         "| PEs | square-root form: PREDICT + UPDATE | covariance form | 2018 paper |",
         "|----:|-----------------------------------:|----------------:|-----------:|",
     ]
-    for pes, paper in PAPER_CYCLES.items():
+    for pes in PES:
+        paper = (
+            _thousands(paper_2018.LATENCY[pes].cycles) if pes in paper_2018.LATENCY else "–"
+        )  # fmt: skip
         cells: list[str] = []
         for form in (Form.SQUARE_ROOT, Form.COVARIANCE):
             code = microcode(replace(NANOSAT, pes=pes, form=form), Pipeline())
@@ -51,9 +52,11 @@ def resources() -> str:
     ]
     record = json.loads(MEASURED.read_text(encoding="utf-8"))
     for pes, row in record["pes"].items():
+        used = paper_2018.RESOURCES[int(pes)]
+        paper = f"{_thousands(used.lut)} / {_thousands(used.ff)} / {used.dsp} / {used.bram36:g}"
         rows.append(
             f"| {pes} | {row['lut']} | {row['ff']} | {row['dsp48e1']} | {row['bram36']:g} "
-            f"| {row['logic_ns']:.2f} ns | {' / '.join(PAPER_RESOURCES[int(pes)])} |"
+            f"| {row['logic_ns']:.2f} ns | {paper} |"
         )
     return "\n".join([*rows, "", f"{record['configuration']}; {record['tool']}.", ""])
 
