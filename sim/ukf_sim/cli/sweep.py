@@ -317,4 +317,27 @@ def report(
 
     It needs no network.
     """  # fmt: skip
-    fail("later")
+    from ukf_sim.design_space.table import TableError, read
+
+    try:
+        from ukf_sim.design_report.charts import draw, save
+        from ukf_sim.design_report.page import render
+    except ModuleNotFoundError as error:
+        fail(f"Install the extra `sweep` for reports ({error})", 1)
+    try:
+        rows = read(sweep_file)
+        with checked():
+            charts = draw(rows)
+            page = render(rows, charts)
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(page, encoding="utf-8")
+        files = [output, *(save(charts, figures) if figures is not None else [])]
+    except FileNotFoundError:
+        fail(f"--sweep must be a file of `ukf sweep`, not {str(sweep_file)!r}")
+    except (TableError, OSError) as error:
+        fail(str(error), 1)
+    if as_json:
+        print_json({"files": [str(file) for file in files], "points": len(rows)})
+        return
+    for file in files:
+        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
