@@ -17,8 +17,8 @@ __all__ = ["VEGA_LITE", "Chart", "draw", "pareto", "save"]
 VEGA_LITE = "6.4"
 #: Name of the paper's series.
 PAPER = "2018 paper"
-#: Width of images, and height of all charts, in pixels.
-WIDTH, HEIGHT = 560, 300
+#: Width of images, and height of most charts, in pixels.
+WIDTH, HEIGHT = 560, 340
 
 #: Colours that also differ for people who do not see some; the paper's is grey.
 _COLOURS = (
@@ -97,9 +97,9 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
     return best
 
 
-def _spec(chart: alt.Chart | alt.LayerChart) -> dict[str, Any]:
+def _spec(chart: alt.Chart | alt.LayerChart, height: int = HEIGHT) -> dict[str, Any]:
     """Give a chart as Vega-Lite that fills the width of the page."""
-    made = chart.properties(width="container", height=HEIGHT).configure_axis(
+    made = chart.properties(width="container", height=height).configure_axis(
         labelFontSize=12, titleFontSize=13, gridColor="#e4e4e4"
     )
     made = made.configure_legend(orient="bottom", labelFontSize=12, labelLimit=320, title=None)
@@ -287,7 +287,7 @@ def _front(rows: Sequence[Row]) -> Iterator[Chart]:
             "both; numbers there are processing elements. Down and left is better. Both "
             "logarithmic."
         ),
-        spec=_spec(front + points + names),
+        spec=_spec(front + points + names, height=440),
     )
 
 

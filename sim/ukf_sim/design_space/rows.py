@@ -44,7 +44,7 @@ COLUMNS = {
     "reciprocal_sqrt_stages": Column(int, "Latency of 1/sqrt in clocks."),
     "predict_cycles": Column(int, "Clocks of PREDICT."),
     "update_cycles": Column(int, "Clocks of UPDATE, which makes the next sigma points as well."),
-    "cycles": Column(int, "Clocks of an iteration: PREDICT and UPDATE; software and bus apart."),
+    "cycles": Column(int, "Clocks of an iteration: PREDICT and UPDATE, nothing redrawn between."),
     "sig_gen_cycles": Column(int, "Clocks of SIG_GEN when x or L was written; else 0."),
     "sig_gen_predicted_cycles": Column(int, "Clocks of SIG_GEN after a PREDICT."),
     "init_cycles": Column(int, "Clocks of INIT."),

@@ -15,7 +15,8 @@ __all__ = ["count_words"]
 def count_words(params: UkfParams) -> dict[str, Any]:
     """Count the bus words of an iteration: the driver drives the golden model, and counts.
 
-    They depend on sizes, kinds of noise, and the words of a number only.
+    They depend on sizes, kinds of noise, and the words of a number only. Sigma points are not
+    redrawn between predict and update.
 
     Parameters
     ----------
@@ -36,7 +37,8 @@ def count_words(params: UkfParams) -> dict[str, Any]:
     """
     # The widest array has the shortest programs, and so is modelled soonest.
     quick = replace(params, pes=params.columns, form=Form.SQUARE_ROOT)
-    scenario = random_scenario(quick, steps=2)
+    # Sigma points are drawn once an iteration, as the cycles of an iteration assume.
+    scenario = replace(random_scenario(quick, steps=2), redraw=False)
     driver = Driver(GoldenBus(GoldenCore(quick)), quick)
     ukf = scenario.filter(driver)
     before = driver.traffic

