@@ -63,9 +63,10 @@ def rows():
                     configuration="nanosat", base=NANOSAT, pes=pes, form=form, format=kind
                 )
                 wide = kind is BINARY32
+                fixed = 400 if form is Form.SQUARE_ROOT else 300
                 made.append(
                     row(
-                        point, cycles=5000 // pes + (400 if form is Form.SQUARE_ROOT else 300), lut=(900 if wide else 400) * pes + 700,
+                        point, cycles=5000 // pes + fixed, lut=(900 if wide else 400) * pes + 700,
                         ratio=1.0 if wide else 30.0,
                         stopped=stopped if form is Form.COVARIANCE and not wide else None,
                     )

@@ -160,7 +160,7 @@ class ClusterExecutor:
             )
             futures[future] = part
         try:
-            for future in self._distributed.as_completed(list(futures)):
+            for future in self._distributed.as_completed(list(futures), loop=self._client.loop):
                 error = future.exception()
                 outcome = future.result() if error is None else _failure(error)
                 part = futures.pop(future)
