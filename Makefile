@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme docs lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth ecp5 bench readme docs lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -67,6 +67,21 @@ build/armhf:
 
 baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
 	$(BIN)/ukf baseline --sysroot build/armhf --document
+
+sweep: $(STAMP) ## Sweep processing elements and forms with synthesis; resumes, OPTIONS=... for another
+	$(BIN)/ukf sweep $(or $(OPTIONS),--config nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat)
+
+report: $(STAMP) ## Make build/report.html of the last sweep, and its figures in docs/figures
+	$(BIN)/ukf report --figures docs/figures/design-space
+
+growth: $(STAMP) ## Note how cycles grow with states and processing elements
+	$(BIN)/python -m ukf_sim.growth
+
+ecp5: $(STAMP) ## Place and route for ECP5, a proxy for routed timing, and note it (slow)
+	$(BIN)/python -m ukf_sim.ecp5
+
+bench: $(STAMP) ## Measure the speed of simulation, models, generator and sweeps, and note it
+	$(BIN)/python -m ukf_sim.bench
 
 readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
 	$(BIN)/python -m ukf_sim.readme

@@ -1,10 +1,16 @@
-"""Tables of the README that derive from the code: ``python -m ukf_sim.readme`` refreshes them."""
+"""Tables in the documentation that derive from the code or from measurements.
+
+``python -m ukf_sim.readme`` refreshes them.
+"""
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import ModuleType
 
-from ukf_sim import paper_2018
+from ukf_sim import bench, ecp5, growth, paper_2018
 from ukf_sim.resources import MEASURED
 from ukf_sw import registers
 from ukf_sw.engine.microcode import microcode
@@ -12,7 +18,7 @@ from ukf_sw.engine.programs import Program
 from ukf_sw.parameters import Form, Pipeline
 from ukf_sw.systems.nanosat import NANOSAT
 
-__all__ = ["SECTIONS", "refresh"]
+__all__ = ["DOCUMENTS", "SECTIONS", "refresh"]
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -61,11 +67,27 @@ def resources() -> str:
     return "\n".join([*rows, "", f"{record['configuration']}; {record['tool']}.", ""])
 
 
-#: Function that renders each generated section.
+#: Function that renders each generated section of the README.
 SECTIONS = {"cycles": cycles, "resources": resources, "registers": registers.markdown}
 
 
-def refresh(text: str) -> str:
+def measured(tables: ModuleType) -> str:
+    """Table of the figures that a module has measured."""
+    return tables.markdown(json.loads(tables.MEASURED.read_text(encoding="utf-8")))
+
+
+#: Documents with generated sections.
+DOCUMENTS = {
+    README: SECTIONS,
+    README.parent / "docs" / "design-space.md": {
+        "growth": partial(measured, growth),
+        "ecp5": partial(measured, ecp5),
+        "bench": partial(measured, bench),
+    },
+}
+
+
+def refresh(text: str, sections: Mapping[str, Callable[[], str]] = SECTIONS) -> str:
     """Replace the generated sections of a Markdown text.
 
     Raises
@@ -73,7 +95,7 @@ def refresh(text: str) -> str:
     ValueError
         If the markers of a section are missing.
     """
-    for name, render in SECTIONS.items():
+    for name, render in sections.items():
         begin, end = f"<!-- BEGIN GENERATED {name} -->\n", f"<!-- END GENERATED {name} -->"
         head, found, rest = text.partition(begin)
         _, closed, tail = rest.partition(end)
@@ -84,4 +106,6 @@ def refresh(text: str) -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(refresh(README.read_text(encoding="utf-8")), encoding="utf-8")
+    for document, sections in DOCUMENTS.items():
+        old = document.read_text(encoding="utf-8")
+        document.write_text(refresh(old, sections), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The README's generated tables."""
+"""Generated tables of the documentation."""
 
 from pathlib import Path
 
@@ -9,10 +9,11 @@ from ukf_sim import readme
 README = Path(__file__).parents[2] / "README.md"
 
 
-def test_tables_are_current():
+@pytest.mark.parametrize("document", readme.DOCUMENTS, ids=lambda file: file.name)
+def test_tables_are_current(document):
     """Run `make readme` if this fails."""
-    text = README.read_text(encoding="utf-8")
-    assert readme.refresh(text) == text
+    text = document.read_text(encoding="utf-8")
+    assert readme.refresh(text, readme.DOCUMENTS[document]) == text
 
 
 @pytest.mark.parametrize("name", readme.SECTIONS)
