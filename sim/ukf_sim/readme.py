@@ -72,7 +72,9 @@ SECTIONS = {"cycles": cycles, "resources": resources, "registers": registers.mar
 
 
 def measured(tables: ModuleType) -> str:
-    """Table of the figures that a module has measured."""
+    """Table of the figures that a module has measured, or who measures them."""
+    if not tables.MEASURED.exists():
+        return f"Not measured yet; `make {tables.MEASURED.stem}` does.\n"
     return tables.markdown(json.loads(tables.MEASURED.read_text(encoding="utf-8")))
 
 
