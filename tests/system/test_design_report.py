@@ -40,7 +40,8 @@ def row(point, *, cycles, lut, ratio=1.0, stopped=None):
             "path_ps": 4400,
         },
         "accuracy": {
-            "names": ["attitude"], "units": ["degrees"], "steps": 2000, "stopped": stopped,
+            "names": ["attitude"], "units": ["degrees"], "stopped": stopped,
+            "steps": 0 if stopped else 2000,
             "rms": None if stopped else [0.02 * ratio],
         },
         "reference": {

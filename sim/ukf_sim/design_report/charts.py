@@ -295,7 +295,9 @@ def _accuracy(rows: Sequence[Row]) -> Iterator[Chart]:
     """Ratio of errors to the float64 reference by format."""
     applications = list(dict.fromkeys(row["application"] for row in rows if row["application"]))
     for application in applications:
-        judged = [row for row in rows if row["application"] == application and not row["error"]]
+        judged = [
+            row for row in rows if row["application"] == application and row["steps"] is not None
+        ]
         values: list[dict[str, Any]] = []
         stops: list[dict[str, Any]] = []
         for row in judged:

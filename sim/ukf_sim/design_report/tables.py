@@ -121,7 +121,7 @@ def _table_4(rows: Sequence[Row]) -> Table | None:
             ])  # fmt: skip
     if not entries:
         return None
-    first = next(row for row in rows if comparable(row))
+    first = next(row for row in rows if comparable(row) and row["iteration_us"] is not None)
     return Table(
         "The 2018 paper", "Table 4: time of an iteration in µs",
         f"Ours: schedule at {first['clock_mhz']:g} MHz, and {first['bus_words']} bus words and "

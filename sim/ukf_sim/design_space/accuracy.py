@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -71,17 +72,18 @@ class Application:
         """Time from which on errors are judged, in s."""
         return CATALOGUE[self.name].settled if self.name in CATALOGUE else SETTLED
 
-    def sizes(self) -> dict[str, Any]:
-        """Sizes and kinds of noise of the cores that fit it."""
-        if self.name in CONFIGURATIONS:
-            params = CONFIGURATIONS[self.name].params
-        else:
-            params = CATALOGUE[self.name].scenario(0, 1).params
-        return {name: getattr(params, name) for name in _SIZES}
-
     def fits(self, params: UkfParams) -> bool:
         """Whether a core has the sizes and the kinds of noise of this application."""
-        return self.sizes() == {name: getattr(params, name) for name in _SIZES}
+        wanted = _params(self.name)
+        return all(getattr(params, name) == getattr(wanted, name) for name in _SIZES)
+
+
+@cache
+def _params(name: str) -> UkfParams:
+    """Parameters of an application; an entry of the catalogue says them with its data only."""
+    if name in CONFIGURATIONS:
+        return CONFIGURATIONS[name].params
+    return CATALOGUE[name].scenario(0, 1).params
 
 
 def golden_errors(application: Application, params: UkfParams) -> dict[str, Any]:
