@@ -8,6 +8,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from ukf_sim.design_space.parts import Part
+from ukf_sw.engine.microcode import microcode
 
 __all__ = ["ClusterExecutor", "Executor", "ExecutorError", "Failure", "LocalExecutor", "perform"]
 
@@ -62,7 +63,11 @@ def perform(part: Part, key: str) -> dict[str, Any]:
         raise RuntimeError(
             f"workers must have the same sources and tools as the sweep, not those of {part.key!r}"
         )
-    return part.compute()
+    try:
+        return part.compute()
+    finally:
+        # A process of a long sweep must not remember the programs of every core.
+        microcode.cache_clear()
 
 
 def _failure(error: BaseException) -> Failure:
