@@ -463,6 +463,50 @@ def test_process_that_dies_costs_its_part_only(tmp_path):
     assert found == expected
 
 
+STOPPED = """
+import os, subprocess, sys, time
+from pathlib import Path
+from ukf_sim.design_space.executors import LocalExecutor
+from ukf_sim.design_space.parts import Part, SchedulePart
+from ukf_sw.parameters import Pipeline, UkfParams
+
+
+class Endless(Part):
+    kind = "endless"
+
+    def identity(self):
+        return {}
+
+    @property
+    def cost(self):
+        return 1000.0
+
+    def compute(self):
+        tool = "import os, time; print(os.getpid(), file=open('tool', 'w')); time.sleep(600)"
+        subprocess.run([sys.executable, "-c", tool])
+
+
+if __name__ == "__main__":
+    quick = SchedulePart(params=UkfParams(n=1, m=1), pipeline=Pipeline())
+    for part, outcome in LocalExecutor(2).run([Endless(), quick]):
+        while not (Path("tool").exists() and Path("tool").read_text()):
+            time.sleep(0.05)
+        break
+    print(Path("tool").read_text(), end="")
+"""
+
+
+def test_sweep_that_stops_leaves_no_tool_running(tmp_path):
+    (tmp_path / "script.py").write_text(STOPPED)
+    result = subprocess.run(
+        [sys.executable, "script.py"], capture_output=True, text=True, check=False, timeout=120,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(result.stdout), 0)
+
+
 def test_no_workers():
     with pytest.raises(ValueError, match=r"^workers must be at least 1, not 0$"):
         LocalExecutor(0)

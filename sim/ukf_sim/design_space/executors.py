@@ -1,6 +1,7 @@
 """Where parts are computed: processes of this computer, or a Dask cluster."""
 
 import os
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
@@ -70,6 +71,16 @@ def perform(part: Part, key: str) -> dict[str, Any]:
         microcode.cache_clear()
 
 
+def _leave_when_told(*_: object) -> None:
+    """End this process so that the tools it has started end, too, and scratch files go."""
+    raise SystemExit(1)
+
+
+def _begin() -> None:
+    """Prepare a process of the pool."""
+    signal.signal(signal.SIGTERM, _leave_when_told)
+
+
 def _failure(error: BaseException) -> Failure:
     text = str(error).strip() or "no message"
     kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
@@ -109,7 +120,9 @@ class LocalExecutor:
         if not count:
             return
         # A fork would take over the threads and locks of whoever shows the progress.
-        pool = self._pool(max_workers=count, context=get_context("spawn"))
+        pool = self._pool(
+            max_workers=count, context=get_context("spawn"), initializer=_begin
+        )  # fmt: skip
         try:
             ordered = sorted(parts, key=lambda part: -part.cost)
             futures = {pool.schedule(perform, args=[part, part.key]): part for part in ordered}
