@@ -102,7 +102,7 @@ def refresh(text: str, sections: Mapping[str, Callable[[], str]] = SECTIONS) -> 
         head, found, rest = text.partition(begin)
         _, closed, tail = rest.partition(end)
         if not (found and closed):
-            raise ValueError(f"README must have the markers of the section {name!r}")
+            raise ValueError(f"text must have the markers of the section {name!r}")
         text = head + begin + render() + end + tail
     return text
 

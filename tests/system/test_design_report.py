@@ -186,12 +186,12 @@ def values_of(spec):
 def test_charts_have_the_figures(rows):
     charts = {chart.name: chart for chart in draw(rows)}
     bars = values_of(charts["latency-1"].spec)
-    assert {"pes": 2, "step": "UPDATE", "time": 21.75} in bars
+    assert {"core": "2", "step": "UPDATE", "time": 21.75} in bars
     # Formats have the same cycles, which need no chart of their own.
     assert "latency-2" in charts
     assert "latency-3" not in charts
     paper = values_of(charts["latency-paper"].spec)
-    assert sum(v["time"] for v in paper if v["pes"] == 2) == paper_2018.LATENCY[2].core
+    assert sum(v["time"] for v in paper if v["core"] == "2") == paper_2018.LATENCY[2].core
     lut = values_of(charts["resources-lut"].spec)
     assert {"series": "square-root, binary32", "pes": 10, "value": 9700} in lut
     assert {"series": PAPER, "pes": 10, "value": 53427} in lut
@@ -200,6 +200,12 @@ def test_charts_have_the_figures(rows):
     accuracy = values_of(charts["accuracy-nanosat"].spec)
     assert sum("ratio" in value for value in accuracy) == 9
     assert sum("stopped" in value for value in accuracy) == 3
+
+
+def test_series_of_one_core_share_a_chart():
+    made = [row(Point(base=UkfParams(n=n, m=1)), cycles=100 * n, lut=100) for n in (2, 4)]
+    (chart,) = (chart for chart in draw(made) if chart.section == "Latency")
+    assert {value["core"] for value in values_of(chart.spec)} == {"n 2", "n 4"}
 
 
 def test_papers_figures_stand_beside_equal_problems_only():

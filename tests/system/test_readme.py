@@ -19,5 +19,5 @@ def test_tables_are_current(document):
 @pytest.mark.parametrize("name", readme.SECTIONS)
 def test_missing_markers_are_an_error(name):
     text = README.read_text(encoding="utf-8").replace(f"<!-- BEGIN GENERATED {name} -->", "")
-    with pytest.raises(ValueError, match=f"^README must have the markers of the section '{name}'$"):
+    with pytest.raises(ValueError, match=f"^text must have the markers of the section '{name}'$"):
         readme.refresh(text)

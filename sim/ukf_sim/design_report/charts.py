@@ -17,6 +17,8 @@ __all__ = ["VEGA_LITE", "Chart", "draw", "pareto", "save"]
 VEGA_LITE = "6.4"
 #: Name of the paper's series.
 PAPER = "2018 paper"
+#: Name of the chart of cores that are no series.
+CORES = "single cores"
 #: Width of images, and height of most charts, in pixels.
 WIDTH, HEIGHT = 560, 340
 
@@ -130,24 +132,31 @@ def _colours(labels: Sequence[str], *, paper: bool) -> alt.Color:
 def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
     """Time of each step over processing elements, a chart for each series and for the paper."""
     stacks: dict[str, list[dict[str, Any]]] = {}
+    lonely: list[dict[str, Any]] = []
     for label, group in in_series(rows).items():
         values = [
-            {"pes": row["pes"], "step": step, "time": row[column] / row["clock_mhz"]}
+            {"core": str(row["pes"]), "step": step, "time": row[column] / row["clock_mhz"]}
             for row in group
             if row["cycles"] is not None
             for step, column in (("PREDICT", "predict_cycles"), ("UPDATE", "update_cycles"))
         ]
+        if len({value["core"] for value in values}) == 1 and len(in_series(rows)) > 1:
+            # Series of a single core, as over sizes, stand side by side.
+            lonely += [value | {"core": label} for value in values]
+            continue
         # Formats do not change cycles, for instance: one chart is enough.
         same = next((other for other, known in stacks.items() if known == values), None)
         if same is not None:
             stacks[f"{same}; {label}"] = stacks.pop(same)
         elif values:
             stacks[label] = values
+    if lonely:
+        stacks[CORES] = lonely
     if not stacks:
         return
     if any(comparable(row) for row in rows):
         stacks[PAPER] = [
-            {"pes": pes, "step": step, "time": time}
+            {"core": str(pes), "step": step, "time": time}
             for pes, column in paper_2018.LATENCY.items()
             for step, time in (
                 ("SIG_GEN", column.sig_gen), ("PREDICT", column.predict), ("UPDATE", column.update)
@@ -158,7 +167,10 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
     for number, (label, values) in enumerate(stacks.items(), start=1):
         steps = [step for step in _STEPS if any(value["step"] == step for value in values)]
         chart = _data(values).mark_bar().encode(
-            x=alt.X("pes:O", title="processing elements", axis=alt.Axis(labelAngle=0)),
+            x=alt.X(
+                "core:N", sort=None, title=None if label == CORES else "processing elements",
+                axis=alt.Axis(labelAngle=-60 if label == CORES else 0, labelLimit=150),
+            ),
             y=alt.Y("time:Q", title="time of an iteration / µs", stack="zero"),
             color=alt.Color(
                 "step:N",
@@ -166,7 +178,7 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
             ),
             order=alt.Order("rank:Q"),
             tooltip=[
-                alt.Tooltip("step:N"), alt.Tooltip("pes:O", title="PEs"),
+                alt.Tooltip("step:N"), alt.Tooltip("core:N"),
                 alt.Tooltip("time:Q", title="µs", format=".2f"),
             ],
         ).transform_calculate(
