@@ -22,6 +22,7 @@ ENGINE = "tests/hdl/test_engine.py"
 CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
+DESIGN_SPACE = "tests/system/test_design_space.py"
 
 
 @dataclass(frozen=True)
@@ -240,6 +241,28 @@ MUTANTS = [
         "costs: a return is a load", "sim/ukf_sim/baseline/costs.py",
         '''"b #0" if register == "pc" else ''', "",
         "tests/system/test_baseline.py -k rewritten",
+    ),
+    Mutant(
+        "design space: cycles do not depend on the pipeline", "sim/ukf_sim/design_space/parts.py",
+        '_describe(self.params, self.pipeline),\n            "sources": digest("ukf_sim.latency")',
+        '_describe(self.params, None),\n            "sources": digest("ukf_sim.latency")',
+        f"{DESIGN_SPACE} -k know_what",
+    ),
+    Mutant(
+        "design space: a worker may have other sources", "sim/ukf_sim/design_space/executors.py",
+        "if part.key != key:", "if False:",
+        f"{DESIGN_SPACE} -k other_sources",
+    ),
+    Mutant(
+        "design space: results are kept at the end only", "sim/ukf_sim/design_space/sweep.py",
+        "executor.run([part.prepared(cache) for part in missing])",
+        "list(executor.run([part.prepared(cache) for part in missing]))",
+        f"{DESIGN_SPACE} -k interrupted",
+    ),
+    Mutant(
+        "design space: data files do not count", "sim/ukf_sim/design_space/sources.py",
+        'if file.name == "__init__.py":', "if False:",
+        f"{DESIGN_SPACE} -k digest",
     ),
 ]  # fmt: skip
 
