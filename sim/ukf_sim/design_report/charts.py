@@ -85,7 +85,7 @@ def save(charts: Sequence[Chart], folder: Path) -> list[Path]:
     for chart in charts:
         spec = chart.spec | {"width": WIDTH, "title": chart.title}
         file = folder / f"{chart.name}.png"
-        file.write_bytes(vl_convert.vegalite_to_png(spec, vl_version=VEGA_LITE, scale=2))
+        file.write_bytes(vl_convert.vegalite_to_png(spec, vl_version=VEGA_LITE, scale=1.5))
         files.append(file)
     return files
 
