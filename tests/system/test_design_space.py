@@ -83,6 +83,16 @@ def yosys(monkeypatch):
     return runs
 
 
+@pytest.fixture
+def generator(monkeypatch):
+    """A generator whose Verilog is a comment, for tests that are about something else."""
+
+    def generate(params, pipeline, folder):
+        (folder / "ukf_core.v").write_text(f"// {params.pes} PEs\n" * (10 * params.pes))
+
+    monkeypatch.setattr(resources, "generate", generate)
+
+
 # Sources.
 
 
@@ -322,7 +332,7 @@ def test_rows_have_the_figures(cache, yosys):
     assert len(yosys) == 4
 
 
-def test_nothing_is_computed_twice(cache, yosys):
+def test_nothing_is_computed_twice(cache, yosys, generator):
     points = grid([(None, TINY)], pes=(1, 2))
     first = sweep(points, Questions(), cache, Here())
     assert first.computed == 2 + 2 + 1  # the bus is the same for all
@@ -348,21 +358,14 @@ def test_interrupted_sweep_goes_on(cache):
     assert all(row["cycles"] and row["bus_words"] for row in outcome.rows)
 
 
-def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys):
+def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
     synthesise = resources.synthesise
 
     def fail_at_two(file):
-        if "PES=2" in file.with_suffix(".pes").read_text():
+        if "2 PEs" in file.read_text():
             raise resources.YosysError("Yosys failed: no memory")
         return synthesise(file)
 
-    generate = resources.generate
-
-    def generate_and_note(params, pipeline, folder):
-        generate(params, pipeline, folder)
-        (folder / "ukf_core.pes").write_text(f"PES={params.pes}")
-
-    monkeypatch.setattr(resources, "generate", generate_and_note)
     monkeypatch.setattr(resources, "synthesise", fail_at_two)
     points = grid([(None, TINY)], pes=(1, 2, 99))
     good, failed, illegal = sweep(points, Questions(), cache, Here()).rows
@@ -379,7 +382,9 @@ def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys):
     assert (outcome.found, outcome.computed, outcome.failed) == (4, 1, 0)
 
 
-def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(cache, monkeypatch, yosys):
+def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(
+    cache, monkeypatch, yosys, generator
+):
     part = Synthesis(params=TINY, pipeline=Pipeline())
     first = find(part, cache)
     monkeypatch.setattr(parts_module, "digest", lambda *modules: "other sources")
@@ -389,7 +394,7 @@ def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(cache, monkeypat
     assert part.load(cache) == first
 
 
-def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys):
+def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys, generator):
     part = Synthesis(params=TINY, pipeline=Pipeline())
     find(part, cache)
     monkeypatch.setattr(resources, "tool_version", lambda: "another one")
