@@ -559,7 +559,7 @@ def test_table_of_something_else(tmp_path):
 @pytest.mark.slow
 def test_tiny_core_is_synthesised(cache):
     """About a minute."""
-    point = Point(base=TINY)
+    point = Point(base=TINY, format=TINY.format)
     part = Synthesis(params=TINY, pipeline=Pipeline())
     (row,) = sweep([point], Questions(), cache, LocalExecutor(1)).rows
     assert row["error"] is None
