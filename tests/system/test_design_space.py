@@ -231,6 +231,7 @@ def test_parts_know_what_they_depend_on():
     assert schedule.key != replace(schedule, params=replace(SMALL, pes=2)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, format=BINARY16)).key
     assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
+    assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, format=BINARY16))
     assert Traffic.of(SMALL).key != Traffic.of(replace(SMALL, format=BINARY64)).key
     application = Application(name="nanosat", steps=10)
     accuracy = Accuracy(application=application, params=NANOSAT)
@@ -423,7 +424,24 @@ SCRIPT = """
 import json, os, signal
 from ukf_sim.design_space.executors import Failure, LocalExecutor
 from ukf_sim.design_space.parts import Part, SchedulePart
+from ukf_sw.errors import SingularObservationError
 from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.registers import Step
+
+
+class Failing(Part):
+    kind = "failing"
+
+    def identity(self):
+        return {}
+
+    @property
+    def cost(self):
+        return 100.0
+
+    def compute(self):
+        # pickle cannot make it again
+        raise SingularObservationError(Step.UPDATE, 3)
 
 
 class Dying(Part):
@@ -444,14 +462,14 @@ if __name__ == "__main__":
     base = UkfParams(n=1, m=1)
     parts = [SchedulePart(params=base, pipeline=Pipeline(add=depth)) for depth in (1, 2, 3)]
     found = {}
-    for part, outcome in LocalExecutor(2).run([Dying(), *parts]):
-        name = part.kind if part.kind == "dying" else str(part.pipeline.add)
+    for part, outcome in LocalExecutor(2).run([Dying(), Failing(), *parts]):
+        name = part.kind if part.kind != "schedule" else str(part.pipeline.add)
         found[name] = outcome.message if isinstance(outcome, Failure) else outcome["total"]
     print(json.dumps(found))
 """
 
 
-def test_process_that_dies_costs_its_part_only(tmp_path):
+def test_process_that_fails_or_dies_costs_its_part_only(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     result = subprocess.run(
@@ -465,6 +483,7 @@ def test_process_that_dies_costs_its_part_only(tmp_path):
     }
     found = json.loads(result.stdout)
     assert "its process died" in found.pop("dying")
+    assert found.pop("failing").startswith("SingularObservationError: ")
     assert found == expected
 
 

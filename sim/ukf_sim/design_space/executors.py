@@ -71,6 +71,18 @@ def perform(part: Part, key: str) -> dict[str, Any]:
         microcode.cache_clear()
 
 
+def attempt(part: Part, key: str) -> dict[str, Any] | Failure:
+    """Compute a part as :func:`perform` does, but give what went wrong instead of raising it.
+
+    Exceptions stay in their process: some cannot be made again from what pickle keeps of them,
+    and one of these would break the whole pool.
+    """
+    try:
+        return perform(part, key)
+    except Exception as error:
+        return _failure(error)
+
+
 def _leave_when_told(*_: object) -> None:
     """End this process so that the tools it has started end, too, and scratch files go."""
     raise SystemExit(1)
@@ -125,7 +137,7 @@ class LocalExecutor:
         )  # fmt: skip
         try:
             ordered = sorted(parts, key=lambda part: -part.cost)
-            futures = {pool.schedule(perform, args=[part, part.key]): part for part in ordered}
+            futures = {pool.schedule(attempt, args=[part, part.key]): part for part in ordered}
             for future in as_completed(futures):
                 try:
                     outcome = future.result()
@@ -174,7 +186,7 @@ class ClusterExecutor:
         for part in parts:
             key = part.key
             future = self._client.submit(
-                perform, part, key, key=f"{part.kind}-{key}", priority=part.cost, pure=False
+                attempt, part, key, key=f"{part.kind}-{key}", priority=part.cost, pure=False
             )
             futures[future] = part
         try:

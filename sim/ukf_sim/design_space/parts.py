@@ -13,6 +13,7 @@ from ukf_sim.design_space.accuracy import Application, golden_errors, reference_
 from ukf_sim.design_space.cache import Cache, key_of
 from ukf_sim.design_space.sources import digest
 from ukf_sim.design_space.traffic import count_words
+from ukf_sw.float_format import BINARY32, BINARY64
 from ukf_sw.parameters import Form, Pipeline, UkfParams
 
 __all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "Traffic"]
@@ -106,7 +107,9 @@ class Traffic(Part):
     @classmethod
     def of(cls, params: UkfParams) -> Self:
         """Part of a core, without what its traffic does not depend on."""
-        return cls(params=replace(params, pes=1, form=Form.SQUARE_ROOT))
+        # Of formats only the words of a number matter; in narrow ones the filter may fail.
+        plain = BINARY32 if params.format.bus_words == 1 else BINARY64
+        return cls(params=replace(params, pes=1, form=Form.SQUARE_ROOT, format=plain))
 
     def identity(self) -> dict[str, Any]:
         """Sizes, kinds of noise, format, and the sources of driver and golden model."""
