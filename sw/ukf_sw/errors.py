@@ -3,6 +3,8 @@
 Wrong arguments are not among them: those are the usual TypeError and ValueError.
 """
 
+from typing import Any
+
 from ukf_sw.registers import Step
 
 __all__ = [
@@ -14,7 +16,21 @@ __all__ = [
 
 
 class UkfError(Exception):
-    """Something went wrong in the filter or on the way to its core."""
+    """Something went wrong in the filter or on the way to its core.
+
+    It can be pickled, so it passes from a process to another with all that it says.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), self.args, self.__dict__)
+
+
+def _restore(kind: type[UkfError], args: tuple[Any, ...], state: dict[str, Any]) -> UkfError:
+    """Make an error as it was, whatever its constructor takes."""
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 class BusError(UkfError):
