@@ -22,12 +22,24 @@ if TYPE_CHECKING:
     from ukf_sim.bus import CoreBench
     from ukf_sim.lockstep import LockstepBus
 
-__all__ = ["CACHE", "JOB_VARIABLE", "Context", "Failure", "Job", "Outcome", "cosimulate"]
+__all__ = [
+    "CACHE",
+    "JOB_VARIABLE",
+    "Context",
+    "Failure",
+    "Job",
+    "Outcome",
+    "cosimulate",
+    "step_timeout",
+]
 
 #: Folder of compiled cores.
 CACHE = Path("build/cosim")
 #: Environment variable with the folder of a job, for the process of the simulator.
 JOB_VARIABLE = "UKF_COSIM_JOB"
+
+#: Simulated clock.
+CLOCK_HZ = 100e6
 
 _POLL_SECONDS = 0.1
 
@@ -121,16 +133,12 @@ class Context:
 
     def driver(self) -> Driver:
         """Make a driver on that bus, with a time-out that no step needs."""
-        from ukf_sim.bus import CLOCK_HZ
-
         bus = self.lockstep
-        code = microcode(self.job.params, self.job.pipeline)
-        longest = max(code.clocks(program) for program in Program)
         return Driver(
             bus,
             self.job.params,
             interrupt=bus.wait_for_interrupt if self.job.interrupt else None,
-            timeout=(2 * longest + 1000 + 100 * self.job.word_clocks) / CLOCK_HZ,
+            timeout=step_timeout(self.job.params, self.job.pipeline, self.job.word_clocks),
             clock=bus.clock,
             count_cycles=True,
         )
@@ -138,6 +146,21 @@ class Context:
     def report(self, done: int) -> None:
         """Tell the waiting process how many steps are done."""
         (self.folder / "progress").write_text(str(done), encoding="ascii")
+
+
+def step_timeout(params: UkfParams, pipeline: Pipeline | None, word_clocks: float = 0.0) -> float:
+    """Give a time that no step needs, in seconds of simulated time.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core.
+    word_clocks
+        Clocks that a bus word takes at least.
+    """
+    code = microcode(params, pipeline or Pipeline())
+    longest = max(code.clocks(program) for program in Program)
+    return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
 
 
 def cosimulate(
