@@ -39,8 +39,9 @@ def register_page(record: dict[str, Any]) -> str:
             top = field["lsb"] + field["width"] - 1
             bits = f"{top}:{field['lsb']}" if field["width"] > 1 else str(top)
             lines.append(
-                f"| `{register['offset']:#04x}` | `{register['name']}` "
-                f"| {bits} | `{field['name']}` | {field['access']} | `{field['reset']:#x}` | {field['doc']} |"
+                f"| `{register['offset']:#04x}` | `{register['name']}` | {bits} "
+                f"| `{field['name']}` | {field['access']} | `{field['reset']:#x}` "
+                f"| {field['doc']} |"
             )
     strides = f"i * {record['row_stride']:#x} + j * {record['element_bytes']}"
     lines += [

@@ -148,6 +148,9 @@ class CFilter:
         Indices of angles.
     short
         By how many numbers the work memory is too short, for tests.
+    core
+        Library for the core that is on the bus; None is `library`. Code compiled beside the header
+        of one core drives any other.
 
     Raises
     ------
@@ -170,15 +173,17 @@ class CFilter:
         state_angles: tuple[int, ...] = (),
         observation_angles: tuple[int, ...] = (),
         short: int = 0,
+        core: ctypes.CDLL | None = None,
     ) -> None:
         self._library = library
+        described = library if core is None else core
         self._params = params
         self._bus = bus
         self._f, self._h = f, h
         self._input: Any = None
         self.exceptions: list[Exception] = []
         size = ctypes.c_size_t.in_dll(library, "binding_size").value
-        length = WORD.in_dll(library, "binding_work_length").value - short
+        length = WORD.in_dll(described, "binding_work_length").value - short
         self._ukf = ctypes.create_string_buffer(size)
         self._work = np.zeros(max(length, 1))
         self._port = _Port(
@@ -194,7 +199,7 @@ class CFilter:
         )  # fmt: skip
         self._options = _Options(timeout_us, redraw)
         self._call(
-            "ukf_open", ctypes.c_char.in_dll(library, "binding_core"), self._port, self._models,
+            "ukf_open", ctypes.c_char.in_dll(described, "binding_core"), self._port, self._models,
             self._options, work=length,
         )  # fmt: skip
 
@@ -267,6 +272,12 @@ class CFilter:
     def pes(self) -> int:
         """Number of processing elements that the core says it has."""
         return int(self._library.binding_pes(self._ukf))
+
+    def round(self, value: float) -> float:
+        """``ukf_driver_round``."""
+        function = self._library.ukf_driver_round
+        function.restype = ctypes.c_double
+        return float(function(self._ukf, ctypes.c_double(value)))
 
     def start(
         self, x: ArrayLike, P: ArrayLike, Q: ArrayLike | None = None, R: ArrayLike | None = None

@@ -2,8 +2,8 @@
  * @file
  * @brief Port to a model of the core in another process, over a socket of the Unix domain.
  *
- * The other side is `python -m ukf_sim.c_software.register_server`. A request has 4 words of 32 bits
- * in the byte order of the machine: operation (0 read, 1 write, 2 wait), address, data or time-out in
+ * The other side is sim/ukf_sim/c_software/register_server.py. A request has 4 words of 32 bits in
+ * the byte order of the machine: operation (0 read, 1 write, 2 wait), address, data or time-out in
  * microseconds, 0. An answer has 2: 1 for success, and data.
  */
 #ifndef UKF_PORT_REMOTE_H
