@@ -98,7 +98,7 @@ def first_difference(found: CResults, expected: CResults) -> str | None:
         different = _bits(one) != _bits(other)
         if different.any():
             place = tuple(int(i) for i in np.argwhere(different)[0])
-            return f"{name} of step {place[0]}: {one[place]!r}, not {other[place]!r}"
+            return f"{name} of step {place[0]}: {one[place].item()!r}, not {other[place].item()!r}"
     if found.P is None or expected.P is None or (_bits(found.P) != _bits(expected.P)).any():
         return "P at the end"
     return None

@@ -1,0 +1,162 @@
+"""Commands about the C software: ``ukf export``, ``ukf c-loop``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
+from ukf_sim.cli.options import COSIM, DATA, Core, P0Option, SeedOption, with_core
+from ukf_sim.configurations import Problem
+
+__all__ = ["c_loop", "export"]
+
+StepsOption = Annotated[
+    int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
+]
+
+
+@with_core
+def export(
+    core: Core,
+    steps: StepsOption = 1000,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+        "build/scenario"
+    ),
+    as_json: JsonOption = False,
+) -> None:
+    """Write parameters and sensor data for C programs: a binary file and a C header."""
+    from ukf_sim.c_software.scenario_files import export_scenario
+
+    if output.exists() and not output.is_dir():
+        fail(f"--output must be a folder, not the file {str(output)!r}")
+    problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+    with checked():
+        try:
+            files = export_scenario(problem.scenario(steps), steps, output)
+        except OSError as error:
+            fail(f"{output}: {error.strerror}", 1)
+    if as_json:
+        print_json({"files": [str(file) for file in files]})
+        return
+    for file in files:
+        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+
+
+@with_core
+def c_loop(
+    core: Core,
+    steps: StepsOption = 1000,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    interrupt: Annotated[
+        bool,
+        typer.Option(
+            "--interrupt/--polling", help="How the driver waits for a step.", rich_help_panel=COSIM
+        ),
+    ] = True,
+    bus_latency: Annotated[
+        float,
+        typer.Option(
+            "--bus-latency",
+            min=0.0,
+            help="Clocks that a bus word takes at least, on average.",
+            rich_help_panel=COSIM,
+        ),
+    ] = 0.0,
+    beside_cocotb: Annotated[
+        int,
+        typer.Option(
+            "--beside-cocotb",
+            min=0,
+            rich_help_panel=COSIM,
+            help="Run so many steps with the Python driver under cocotb as well, for its speed.",
+        ),
+    ] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the C driver and the C nanosatellite on the simulated core, against the golden model.
+
+    The exit code is 1 if a bit differs.
+    """
+    from ukf_sim.c_software.compiler import CompilerError
+    from ukf_sim.c_software.loop import run_c_in_the_loop
+    from ukf_sim.simulators import SimulatorError
+
+    with checked():
+        if core.config is None:
+            raise ValueError("--config must be given: the models in C are those of a nanosatellite")
+        problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+        scenario = problem.scenario(max(steps, beside_cocotb))
+    with progress_bars(counted=False) as bars:
+        bar = bars.add_task("Starting", total=None)
+        try:
+            outcome = run_c_in_the_loop(
+                scenario, steps, pipeline=core.pipeline, interrupt=interrupt,
+                word_clocks=bus_latency,
+                progress=lambda what: bars.update(bar, description=what.capitalize()),
+            )  # fmt: skip
+            cocotb_rate = None
+            if beside_cocotb:
+                bars.update(bar, description="cocotb")
+                cocotb_rate = _cocotb_rate(core, problem, beside_cocotb, interrupt, bus_latency)
+        except ValueError as error:
+            fail(str(error))
+        except (CompilerError, SimulatorError) as error:
+            fail(str(error), 1)
+    record = {
+        "steps": len(outcome.results.x),
+        "mismatch": outcome.mismatch,
+        "errors": int((outcome.results.results != 0).sum()),
+        "clocks_per_iteration": outcome.clocks / steps,
+        "words_per_iteration": outcome.words / steps,
+        "bus_clocks_per_iteration": outcome.bus_clocks / steps,
+        "seconds": outcome.seconds,
+        "iterations_per_second": outcome.rate,
+        "cocotb_iterations_per_second": cocotb_rate,
+    }
+    if as_json:
+        print_json(record)
+    else:
+        _print(core, record)
+    if outcome.mismatch is not None:
+        raise typer.Exit(1)
+
+
+def _cocotb_rate(
+    core: Core, problem: Problem, steps: int, interrupt: bool, bus_latency: float
+) -> float:
+    """Iterations per second of the co-simulation with the Python driver, in lockstep."""
+    from ukf_sim.cosimulation import Job, cosimulate
+
+    job = Job(
+        params=core.params, pipeline=core.pipeline, task="ukf_sim.tasks:run_problem",
+        arguments={"problem": problem, "steps": steps}, interrupt=interrupt,
+        word_clocks=bus_latency,
+    )  # fmt: skip
+    return steps / cosimulate(job).result["seconds"]
+
+
+def _print(core: Core, record: dict) -> None:
+    results.print(f"[bold]{core.title}, C driver and application[/]", soft_wrap=True)
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_row("iterations", str(record["steps"]))
+    table.add_row("clocks an iteration, driver and bus included",
+                  f"{record['clocks_per_iteration']:.0f}")  # fmt: skip
+    table.add_row("bus words an iteration", f"{record['words_per_iteration']:.1f}")
+    table.add_row("iterations a second", f"{record['iterations_per_second']:.0f}")
+    if record["cocotb_iterations_per_second"] is not None:
+        rate = record["cocotb_iterations_per_second"]
+        table.add_row("the same with Python under cocotb", f"{rate:.1f}")
+        table.add_row("ratio", f"{record['iterations_per_second'] / rate:.1f}")
+    results.print(table)
+    if record["mismatch"] is None:
+        results.print("[bold green]Bit-exact[/]: estimates, NIS and covariance equal the golden "
+                      "model's")  # fmt: skip
+    else:
+        results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
