@@ -284,7 +284,7 @@ def build_program(
         command = [
             "verilator", "--cc", "--exe", "--build", *flags, "--top-module", top,
             "--Mdir", str(folder), "-o", PROGRAM,
-            *(f"-CFLAGS=-I{path.resolve()}" for path in includes),
+            "-CFLAGS", " ".join(f"-I{path.resolve()}" for path in includes),
             str(verilog.resolve()), *(str(path.resolve()) for path in (*sources, *objects)),
         ]  # fmt: skip
         log = folder / "build.log"
