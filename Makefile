@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme docs lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources readme docs zynq zynq-c lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -59,6 +59,19 @@ readme: $(STAMP) ## Refresh the generated tables of the README and the printed r
 
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+zynq: zynq-c ## Make and check what goes on a Zynq
+
+# The ARM part needs Debian's gcc-arm-linux-gnueabihf, libc6-dev-armhf-cross and qemu-user.
+zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated ARM
+	$(BIN)/ukf generate --config nanosat --pes 2 --output build/zynq/core
+	$(BIN)/ukf export --config nanosat --steps 1000 --output build/zynq/data
+	$(BIN)/python -m pytest tests/hdl/test_interfaces.py tests/system/test_c_driver.py \
+		tests/system/test_c_programs.py tests/system/test_c_loop.py -m "not slow"
+	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1000 --beside-cocotb 30
+	@if command -v arm-linux-gnueabihf-gcc qemu-arm >/dev/null; then \
+		$(BIN)/ukf c-arm --config nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
+	else echo "No arm-linux-gnueabihf-gcc or qemu-arm here: the ARM part is skipped"; fi
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .

@@ -22,6 +22,7 @@ ENGINE = "tests/hdl/test_engine.py"
 CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
+C_DRIVER = "tests/system/test_c_driver.py"
 
 
 @dataclass(frozen=True)
@@ -204,6 +205,50 @@ MUTANTS = [
         "        with m.If(bus.bready):\n            m.d.sync += bus.bvalid.eq(0)",
         "        m.d.sync += bus.bvalid.eq(0)",
         "tests/hdl/test_axi4_lite.py",
+    ),
+    Mutant(
+        "C driver: subnormal numbers are rounded to the grid of binary32", "sw/c/ukf_driver.c",
+        "fabs(value) < 0x1p-126 - 0x1p-151", "fabs(value) < 0x1p-150",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: the mask is written at every update", "sw/c/ukf_driver.c",
+        "driver->mask_known = result == UKF_OK;", "driver->mask_known = false;",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a time-out does not reset the core", "sw/c/ukf_driver.c",
+        "    if (result == UKF_OK) {\n        result = ukf_driver_reset(driver);\n    }", "",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a predict that broke off is forgotten", "sw/c/ukf_driver.c",
+        "    driver->overwritten = true;\n", "",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a gated update uses up the prediction", "sw/c/ukf_filter.c",
+        "if (result == UKF_OK && !ukf->gated) {", "if (result == UKF_OK) {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: angles of z are not wrapped", "sw/c/ukf_filter.c",
+        "if ((models->observation_angles & used) >> i & 1u) {", "if (i > UKF_MAX_SIZE) {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: going back keeps the points of the future", "sw/c/ukf_filter.c",
+        "    enum ukf_result result;\n\n    ukf->transformed = false;\n"
+        "    result = ukf_driver_reset(&ukf->driver);",
+        "    enum ukf_result result;\n\n    result = ukf_driver_reset(&ukf->driver);",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C nanosatellite: a product is summed in another order",
+        "sw/c/apps/nanosat/nanosat.c",
+        "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
+        "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
+        C_DRIVER,
     ),
 ]  # fmt: skip
 

@@ -1,6 +1,5 @@
 """The C application as programs: with sanitizers, for the ARM, without an operating system."""
 
-import shutil
 import socket
 import struct
 import subprocess
@@ -8,6 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from ukf_sim.c_software.arm import arm_available, run_on_arm
 from ukf_sim.c_software.compiler import (
     APPLICATION,
     DRIVER,
@@ -23,15 +23,11 @@ from ukf_sim.c_software.loop import first_difference, golden_results
 from ukf_sim.c_software.register_server import RegisterServer
 from ukf_sim.c_software.scenario_files import export_scenario, read_results
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.parameters import Noise
+from ukf_sw.parameters import Noise, UkfParams
 from ukf_sw.registers import CONTROL, ERROR
 from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
 
 needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
-needs_arm = pytest.mark.skipif(
-    not Toolchain.CORTEX_A9.available or shutil.which("qemu-arm") is None,
-    reason="gcc-arm-linux-gnueabihf or qemu-user is not installed",
-)
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 STEPS = 12
 
@@ -46,13 +42,13 @@ def program(tmp_path_factory):
     )
 
 
-def run(program, scenario, folder, *, bus=None, steps=STEPS, options=(), prefix=()):
+def run(program, scenario, folder, *, bus=None, steps=STEPS, options=()):
     """Run a program against a golden model; gives the process and its results."""
     binary, _ = export_scenario(scenario, steps, folder)
     bus = bus or GoldenBus(GoldenCore(scenario.params))
     with RegisterServer(folder / "socket", bus) as server:
         done = subprocess.run(
-            [*prefix, str(program), f"remote:{folder / 'socket'}", str(binary),
+            [str(program), f"remote:{folder / 'socket'}", str(binary),
              str(folder / "results.bin"), *options],
             capture_output=True, text=True, check=False, timeout=120,
         )  # fmt: skip
@@ -234,19 +230,25 @@ def test_the_server_refuses_what_it_does_not_know(tmp_path):
     assert not (tmp_path / "socket").exists()
 
 
-@needs_arm
-def test_the_program_for_the_cortex_a9(tmp_path):
+@pytest.mark.skipif(
+    not arm_available(), reason="gcc-arm-linux-gnueabihf or qemu-user is not installed"
+)
+@pytest.mark.parametrize("interrupt", [True, False], ids=["interrupt", "polling"])
+def test_the_program_for_the_cortex_a9(interrupt, tmp_path):
     """The very binary for the board, in an emulator of its processor: bit for bit."""
-    write_interfaces(NANOSAT, tmp_path)
-    program = compile_c(
-        [*DRIVER, *APPLICATION, *PROGRAM], tmp_path / "nanosat", [tmp_path],
-        toolchain=Toolchain.CORTEX_A9, flags=("-static",),
-    )  # fmt: skip
-    assert program.read_bytes()[18:20] == b"\x28\0", "an executable for ARM"
-    scenario = nanosat(steps=STEPS)
-    done, results = run(program, scenario, tmp_path, prefix=("qemu-arm", "-cpu", "cortex-a9"))
-    assert done.returncode == 0, done.stderr
-    assert first_difference(results, golden_results(scenario, STEPS)) is None
+    outcome = run_on_arm(nanosat(steps=STEPS), STEPS, tmp_path, interrupt=interrupt)
+    assert outcome.program.read_bytes()[18:20] == b"\x28\0", "an executable for ARM"
+    assert outcome.mismatch is None
+    assert not outcome.results.results.any()
+    assert outcome.words > 350 * STEPS
+
+
+def test_missing_tools_are_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CompilerError, match=r"^qemu-arm is not installed$"):
+        run_on_arm(nanosat(steps=1), 1, tmp_path / "arm")
+    with pytest.raises(CompilerError, match=r"^cc is not installed$"):
+        compile_c([DRIVER[0]], tmp_path / "driver.o", [], flags=("-c",))
 
 
 #: What a program without an operating system must bring: the mathematics and four functions that
@@ -283,6 +285,6 @@ def test_the_program_without_an_operating_system(toolchain, tmp_path):
 
 @needs_cc
 def test_a_core_of_other_sizes_does_not_compile(tmp_path):
-    write_interfaces(nanosat(steps=1).params.__class__(n=2, m=1), tmp_path)
+    write_interfaces(UkfParams(n=2, m=1), tmp_path)
     with pytest.raises(CompilerError, match="the core must be generated for 7 states"):
         compile_c([APPLICATION[0]], tmp_path / "nanosat.o", [tmp_path], flags=("-c",))

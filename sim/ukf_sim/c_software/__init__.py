@@ -4,5 +4,6 @@
 - :mod:`.scenario_files` hands them parameters and samples, and reads their results;
 - :mod:`.binding` calls the driver from Python, on any bus of :mod:`ukf_sw.bus`;
 - :mod:`.loop` runs the application on the simulated core, in one process of C and C++;
-- :mod:`.register_server` offers the golden model to programs in other processes.
+- :mod:`.register_server` offers the golden model to programs in other processes;
+- :mod:`.arm` runs the application, compiled for the board, in an emulator of its processor.
 """

@@ -3,7 +3,7 @@
 import typer
 
 from ukf_sim.cli.apps import apps_app
-from ukf_sim.cli.c_software import c_loop, export
+from ukf_sim.cli.c_software import c_arm, c_loop, export
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
 from ukf_sim.cli.new import new
@@ -20,6 +20,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
-for command in (generate, latency, cosim, run, new, export, c_loop):
+for command in (generate, latency, cosim, run, new, export, c_loop, c_arm):
     app.command()(command)
 app.add_typer(apps_app)

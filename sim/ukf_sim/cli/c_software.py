@@ -1,4 +1,4 @@
-"""Commands about the C software: ``ukf export``, ``ukf c-loop``."""
+"""Commands about the C software: ``ukf export``, ``ukf c-loop``, ``ukf c-arm``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,11 +10,18 @@ from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_
 from ukf_sim.cli.options import COSIM, DATA, Core, P0Option, SeedOption, with_core
 from ukf_sim.configurations import Problem
 
-__all__ = ["c_loop", "export"]
+__all__ = ["c_arm", "c_loop", "export"]
 
 StepsOption = Annotated[
     int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
 ]
+
+
+def _nanosatellite(core: Core, seed: int, p0: float) -> Problem:
+    """Make a problem for which there are models in C."""
+    if core.config is None:
+        fail("--config must be given: the models in C are those of a nanosatellite")
+    return Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
 
 
 @with_core
@@ -86,10 +93,8 @@ def c_loop(
     from ukf_sim.c_software.loop import run_c_in_the_loop
     from ukf_sim.simulators import SimulatorError
 
+    problem = _nanosatellite(core, seed, p0)
     with checked():
-        if core.config is None:
-            raise ValueError("--config must be given: the models in C are those of a nanosatellite")
-        problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
         scenario = problem.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars:
         bar = bars.add_task("Starting", total=None)
@@ -126,6 +131,53 @@ def c_loop(
         raise typer.Exit(1)
 
 
+@with_core
+def c_arm(
+    core: Core,
+    steps: StepsOption = 100,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    output: Annotated[
+        Path, typer.Option("--output", help="Folder for the program and its samples.")
+    ] = Path("build/arm"),
+    as_json: JsonOption = False,
+) -> None:
+    """Cross-compile the C nanosatellite for a Cortex-A9 and run it under QEMU, on the golden model.
+
+    The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
+    """
+    from ukf_sim.c_software.arm import run_on_arm
+    from ukf_sim.c_software.compiler import CompilerError
+
+    problem = _nanosatellite(core, seed, p0)
+    with progress_bars(counted=False) as bars:
+        bars.add_task("Running", total=None)
+        try:
+            outcome = run_on_arm(problem.scenario(steps), steps, output)
+        except ValueError as error:
+            fail(str(error))
+        except (CompilerError, OSError) as error:
+            fail(str(error), 1)
+    record = {
+        "program": str(outcome.program),
+        "steps": len(outcome.results.x),
+        "mismatch": outcome.mismatch,
+        "words": outcome.words,
+        "seconds": outcome.seconds,
+    }
+    if as_json:
+        print_json(record)
+    else:
+        results.print(
+            f"{core.title}: {record['steps']} iterations of {outcome.program} under QEMU, "
+            f"{outcome.words} bus words, {outcome.seconds:.0f} s",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+        _print_verdict(outcome.mismatch)
+    if outcome.mismatch is not None:
+        raise typer.Exit(1)
+
+
 def _cocotb_rate(
     core: Core, problem: Problem, steps: int, interrupt: bool, bus_latency: float
 ) -> float:
@@ -155,8 +207,13 @@ def _print(core: Core, record: dict) -> None:
         table.add_row("the same with Python under cocotb", f"{rate:.1f}")
         table.add_row("ratio", f"{record['iterations_per_second'] / rate:.1f}")
     results.print(table)
-    if record["mismatch"] is None:
-        results.print("[bold green]Bit-exact[/]: estimates, NIS and covariance equal the golden "
-                      "model's")  # fmt: skip
+    _print_verdict(record["mismatch"])
+
+
+def _print_verdict(mismatch: str | None) -> None:
+    if mismatch is None:
+        results.print(
+            "[bold green]Bit-exact[/]: estimates, NIS and covariance equal the golden model's"
+        )
     else:
-        results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
+        results.print(f"[bold red]Not bit-exact:[/] {mismatch}", soft_wrap=True)
