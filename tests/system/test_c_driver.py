@@ -484,6 +484,32 @@ def test_after_a_time_out_it_goes_on_without_restoring(library):
     c.update([0.0, 0.0])
 
 
+def test_a_predict_that_broke_off_leaves_no_points_behind(library):
+    """The core takes what was written for sigma points; the next predict draws anew."""
+    c, bus = start(library, AUGMENTED)
+    other, _ = start(library, AUGMENTED)
+    for ukf in (c, other):
+        ukf.redraw()
+    bus.refuse = MemoryMap(AUGMENTED).address("X", 2, 5)
+    assert failing(c.predict, 0.1).result is Result.BUS_ERROR
+    bus.refuse = None
+    for ukf in (c, other):
+        ukf.predict(0.1)
+        ukf.update([0.1, 0.2])
+    assert c.x.tobytes() == other.x.tobytes()
+
+
+def test_restoring_forgets_a_prediction(library):
+    c, _ = start(library, AUGMENTED)
+    saved = c.save()
+    c.predict(0.9)
+    c.restore(*saved)
+    c.update([0.1, 0.2])
+    other, _ = start(library, AUGMENTED)
+    other.update([0.1, 0.2])
+    assert c.x.tobytes() == other.x.tobytes()
+
+
 def test_a_step_that_somebody_dropped(library):
     c, bus = start(library, AUGMENTED)
 
