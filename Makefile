@@ -69,7 +69,7 @@ zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated AR
 	$(BIN)/python -m pytest tests/hdl/test_interfaces.py tests/system/test_c_driver.py \
 		tests/system/test_c_ports.py tests/system/test_c_programs.py tests/system/test_c_loop.py -m "not slow"
 	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1000 --beside-cocotb 30
-	@if command -v arm-linux-gnueabihf-gcc && command -v qemu-arm; then \
+	@if command -v arm-linux-gnueabihf-gcc >/dev/null && command -v qemu-arm >/dev/null; then \
 		$(BIN)/ukf c-arm --config nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
 	else echo "No arm-linux-gnueabihf-gcc or qemu-arm here: the ARM part is skipped"; fi
 

@@ -22,13 +22,14 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
         .nis = (ukf_real)NAN,
         .gate = (ukf_real)INFINITY,
     };
-    result = ukf_driver_open(&ukf->driver, core, port, options != NULL ? options->timeout_us : 0u);
-    if (result != UKF_OK) {
-        return result;
-    }
-    if (models == NULL || models->process == NULL || models->observe == NULL || work == NULL ||
+    if (core == NULL || models == NULL || models->process == NULL || models->observe == NULL ||
+        options == NULL || work == NULL ||
         length < UKF_WORK_LENGTH(core->n, core->m, core->q, core->r, core->points)) {
         return UKF_BAD_ARGUMENT;
+    }
+    result = ukf_driver_open(&ukf->driver, core, port, options->timeout_us);
+    if (result != UKF_OK) {
+        return result;
     }
     ukf->X = work;
     ukf->Z = ukf->X + core->n * core->points;

@@ -368,8 +368,10 @@ def test_a_wrong_core_is_refused(library, register, name, result):
 
 @pytest.mark.parametrize("options", [{"timeout_us": 0}, {"short": 1}])
 def test_opening_checks_its_arguments(library, options):
-    error = failing(lambda: start(library, AUGMENTED, **options))
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    error = failing(lambda: start(library, AUGMENTED, bus=bus, **options))
     assert error.result is Result.BAD_ARGUMENT
+    assert not bus.log
 
 
 @pytest.mark.parametrize("offset", [ID.offset, SIZES.offset, CONFIG.offset, CONTROL.offset])

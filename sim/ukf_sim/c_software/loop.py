@@ -44,8 +44,9 @@ class CLoopOutcome:
         Clocks of the core.
     words, bus_clocks
         Words on the bus, and the clocks that they took.
-    seconds
-        Time that the run took, the compilation excluded.
+    seconds, cpu_seconds
+        Time that the run took, the compilation excluded, and time of the processor: that is what
+        other programs on the machine disturb less.
     build
         The program.
     """
@@ -56,12 +57,8 @@ class CLoopOutcome:
     words: int
     bus_clocks: int
     seconds: float
+    cpu_seconds: float
     build: Build
-
-    @property
-    def rate(self) -> float:
-        """Iterations per second of real time."""
-        return len(self.results.x) / self.seconds
 
 
 def golden_results(scenario: Scenario, steps: int) -> CResults:
@@ -178,7 +175,7 @@ def run_c_in_the_loop(
                 f"The C application ended with the code {done.returncode}:\n{done.stderr}"
             )
         results = read_results(folder / "results.bin", scenario.params, steps)
-        clocks, words, bus_clocks, seconds = (folder / "report").read_text().split()
+        clocks, words, bus_clocks, seconds, cpu_seconds = (folder / "report").read_text().split()
         tell("compare")
         return CLoopOutcome(
             results=results,
@@ -187,5 +184,6 @@ def run_c_in_the_loop(
             words=int(words),
             bus_clocks=int(bus_clocks),
             seconds=float(seconds),
+            cpu_seconds=float(cpu_seconds),
             build=built,
         )

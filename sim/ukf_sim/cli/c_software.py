@@ -104,10 +104,10 @@ def c_loop(
                 word_clocks=bus_latency,
                 progress=lambda what: bars.update(bar, description=what.capitalize()),
             )  # fmt: skip
-            cocotb_rate = None
+            cocotb = None
             if beside_cocotb:
                 bars.update(bar, description="cocotb")
-                cocotb_rate = _cocotb_rate(core, problem, beside_cocotb, interrupt, bus_latency)
+                cocotb = _cocotb_seconds(core, problem, beside_cocotb, interrupt, bus_latency)
         except ValueError as error:
             fail(str(error))
         except (CompilerError, SimulatorError) as error:
@@ -119,9 +119,8 @@ def c_loop(
         "clocks_per_iteration": outcome.clocks / steps,
         "words_per_iteration": outcome.words / steps,
         "bus_clocks_per_iteration": outcome.bus_clocks / steps,
-        "seconds": outcome.seconds,
-        "iterations_per_second": outcome.rate,
-        "cocotb_iterations_per_second": cocotb_rate,
+        "rates": _rates(steps, outcome.seconds, outcome.cpu_seconds),
+        "cocotb_rates": None if cocotb is None else _rates(beside_cocotb, *cocotb),
     }
     if as_json:
         print_json(record)
@@ -178,10 +177,15 @@ def c_arm(
         raise typer.Exit(1)
 
 
-def _cocotb_rate(
+def _rates(steps: int, seconds: float, cpu_seconds: float) -> dict[str, float]:
+    """Iterations per second of time, and of the processor."""
+    return {"time": steps / seconds, "processor": steps / cpu_seconds}
+
+
+def _cocotb_seconds(
     core: Core, problem: Problem, steps: int, interrupt: bool, bus_latency: float
-) -> float:
-    """Iterations per second of the co-simulation with the Python driver, in lockstep."""
+) -> tuple[float, float]:
+    """Time of the co-simulation with the Python driver, in lockstep, and of its processor."""
     from ukf_sim.cosimulation import Job, cosimulate
 
     job = Job(
@@ -189,7 +193,8 @@ def _cocotb_rate(
         arguments={"problem": problem, "steps": steps}, interrupt=interrupt,
         word_clocks=bus_latency,
     )  # fmt: skip
-    return steps / cosimulate(job).result["seconds"]
+    result = cosimulate(job).result
+    return result["seconds"], result["cpu_seconds"]
 
 
 def _print(core: Core, record: dict) -> None:
@@ -201,11 +206,14 @@ def _print(core: Core, record: dict) -> None:
     table.add_row("clocks an iteration, driver and bus included",
                   f"{record['clocks_per_iteration']:.0f}")  # fmt: skip
     table.add_row("bus words an iteration", f"{record['words_per_iteration']:.1f}")
-    table.add_row("iterations a second", f"{record['iterations_per_second']:.0f}")
-    if record["cocotb_iterations_per_second"] is not None:
-        rate = record["cocotb_iterations_per_second"]
-        table.add_row("the same with Python under cocotb", f"{rate:.1f}")
-        table.add_row("ratio", f"{record['iterations_per_second'] / rate:.1f}")
+    for kind, words in (("time", "iterations a second"),
+                        ("processor", "iterations a second of the processor")):  # fmt: skip
+        rate = record["rates"][kind]
+        table.add_row(words, f"{rate:.0f}")
+        if record["cocotb_rates"] is not None:
+            other = record["cocotb_rates"][kind]
+            table.add_row("the same with Python under cocotb", f"{other:.1f}")
+            table.add_row("ratio", f"{rate / other:.1f}")
     results.print(table)
     _print_verdict(record["mismatch"])
 

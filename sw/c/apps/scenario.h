@@ -8,8 +8,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "ukf_real.h"
-
 /** A run. Step k predicts with input k and updates with measurement k. Matrices are row by row. */
 struct ukf_scenario {
     uint32_t n;        /**< States. */

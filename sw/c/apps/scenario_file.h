@@ -8,6 +8,7 @@
 #include <stdio.h>
 
 #include "scenario.h"
+#include "ukf_real.h"
 
 /**
  * @brief Read what `ukf export` wrote to scenario.bin.
