@@ -250,7 +250,7 @@ def build_program(
     sources
         C++ sources, with ``main``.
     objects
-        Compiled code to link.
+        Compiled code to link. All files have different names.
     cache
         Folder of compiled sources, as for :func:`build`.
     includes
@@ -271,21 +271,25 @@ def build_program(
     _require(Simulator.VERILATOR)
     make_flags = _MAKE_FLAGS.format("-O3" if optimise else "-O1")
     flags = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert", "-Wno-fatal")
+    # What is compiled is what was hashed, even if somebody edits the files meanwhile.
+    inputs = {path.name: path.read_bytes() for path in (verilog, *sources, *objects)}
     identity = {
-        "inputs": [
-            hashlib.sha256(path.read_bytes()).hexdigest() for path in (verilog, *sources, *objects)
-        ],
+        "inputs": {name: hashlib.sha256(text).hexdigest() for name, text in inputs.items()},
         "top": top,
         "simulator": [Simulator.VERILATOR.value, _version(Simulator.VERILATOR)],
         "flags": [*flags, make_flags],
     }
 
     def compile_into(folder: Path) -> None:
+        copies = [folder / "inputs" / name for name in inputs]
+        copies[0].parent.mkdir()
+        for copy, text in zip(copies, inputs.values(), strict=True):
+            copy.write_bytes(text)
         command = [
             "verilator", "--cc", "--exe", "--build", *flags, "--top-module", top,
             "--Mdir", str(folder), "-o", PROGRAM,
             "-CFLAGS", " ".join(f"-I{path.resolve()}" for path in includes),
-            str(verilog.resolve()), *(str(path.resolve()) for path in (*sources, *objects)),
+            *map(str, copies),
         ]  # fmt: skip
         log = folder / "build.log"
         with _environment(make_flags), log.open("w", encoding="utf-8") as output:
