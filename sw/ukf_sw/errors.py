@@ -6,7 +6,8 @@ Wrong arguments are not among them: those are the usual TypeError and ValueError
 from ukf_sw.registers import Step
 
 __all__ = [
-    "BusError", "CoreError", "CoreTimeoutError", "IllegalStepError", "NotFiniteError",
+    "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
+    "DevicePermissionError", "IllegalStepError", "NotFiniteError",
     "NotPositiveDefiniteError", "SingularObservationError", "StepError", "StepLostError",
     "UkfError", "WrongCoreError",
 ]  # fmt: skip
@@ -31,6 +32,30 @@ class BusError(UkfError):
         super().__init__(f"The core refused the {access} at address {address:#x}")
         self.address = address
         self.access = access
+
+
+class DeviceError(UkfError):
+    """The device through which the core is reached does not work.
+
+    Parameters
+    ----------
+    device
+        Name of the device.
+    message
+        What is wrong with it, and what may help.
+    """
+
+    def __init__(self, device: str, message: str) -> None:
+        super().__init__(f"{device}: {message}")
+        self.device = device
+
+
+class DeviceMissingError(DeviceError):
+    """There is no such device, or what it needs is not installed."""
+
+
+class DevicePermissionError(DeviceError):
+    """The device is there, but not for this user."""
 
 
 class WrongCoreError(UkfError):

@@ -6,10 +6,10 @@ from typing import Any, ParamSpec, Protocol, TypeVar, cast, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ukf_sw.backends import make_backend
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.models import CheckedModel, ObservationModel, ProcessModel, wrap
 from ukf_sw.parameters import Form, UkfParams
-from ukf_sw.reference import ReferenceUkf
 
 __all__ = ["Backend", "UnscentedKalmanFilter"]
 
@@ -246,16 +246,8 @@ class UnscentedKalmanFilter:
 
     def _make_backend(self, backend: Backend | str) -> Backend:
         """Find the backend of a name."""
-        if backend == "reference":
-            return ReferenceUkf(self._params)
-        if backend == "golden":
-            # Not needed by who drives a core, and slow to import.
-            from ukf_sw.driver import Driver
-            from ukf_sw.golden import GoldenBus, GoldenCore
-
-            return Driver(GoldenBus(GoldenCore(self._params)), self._params)
         if isinstance(backend, str):
-            raise ValueError(f"backend must be 'reference' or 'golden', not {backend!r}")
+            return make_backend(backend, self._params)
         if not isinstance(cast("object", backend), Backend):
             raise TypeError(f"backend must be a name or a Backend, not {backend!r}")
         if backend.params != self._params:

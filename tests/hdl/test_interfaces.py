@@ -235,7 +235,7 @@ def test_the_overlay_applies_to_a_zynq(params, tmp_path):
     merged = str(tmp_path / "merged.dtb")
     run("fdtoverlay", "-i", str(tmp_path / "base.dts.dtb"), "-o", merged,
         str(tmp_path / "core.dtso.dtb"))  # fmt: skip
-    node = f"/axi/ukf@{BASE_ADDRESS:x}"
+    node = f"/axi/ukf_core@{BASE_ADDRESS:x}"
     size = max(1 << MemoryMap(params).address_width, 4096)
     assert run("fdtget", "-t", "x", merged, node, "reg") == [f"{BASE_ADDRESS:x}", f"{size:x}"]
     assert run("fdtget", "-t", "u", merged, node, "interrupts") == ["0", str(INTERRUPT - 32), "4"]

@@ -250,6 +250,42 @@ MUTANTS = [
         "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
         C_DRIVER,
     ),
+    Mutant(
+        "bus of a board: the interrupt is not enabled again", "sw/ukf_sw/uio.py",
+        "os.write(self._events, _ENABLE)", "pass",
+        "tests/sw/test_boards.py",
+    ),
+    Mutant(
+        "bus of a board: the buffer is read while a step runs", "sw/ukf_sw/device_bus.py",
+        "self._load(STATUS.offset) & _STATE", "False",
+        "tests/sw/test_boards.py",
+    ),
+    Mutant(
+        "packaging: half of the address range", "hdl/ukf_hdl/packaging/package.py",
+        "max(1 << MemoryMap(params).address_width, _PAGE)",
+        "max(1 << MemoryMap(params).address_width - 1, _PAGE)",
+        "tests/system/test_package.py -k scripts_make",
+    ),
+    Mutant(
+        "another interrupt in the device tree", "hdl/ukf_hdl/interfaces/device_tree.py",
+        "interrupts = <0 {interrupt - FIRST_SHARED} 4>;", "interrupts = <0 {interrupt} 4>;",
+        "tests/system/test_package.py -k device_tree",
+    ),
+    Mutant(
+        "testbench: words are not compared", "sim/ukf_sim/testbench.py",
+        " || rdata !== accesses[i][31:0]", "",
+        "tests/system/test_package.py -k icarus",
+    ),
+    Mutant(
+        "software baseline: the gain has the wrong sign", "sw/baseline/fast.c",
+        "right[i] -= l * right[j];", "right[i] += l * right[j];",
+        "tests/system/test_baseline.py -k follows",
+    ),
+    Mutant(
+        "costs: a return is a load", "sim/ukf_sim/baseline/costs.py",
+        '''"b #0" if register == "pc" else ''', "",
+        "tests/system/test_baseline.py -k rewritten",
+    ),
 ]  # fmt: skip
 
 

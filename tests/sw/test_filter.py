@@ -82,7 +82,7 @@ BAD = [
      "Q must be positive semidefinite, its smallest eigenvalue not -1.0"),
     ({"Q": None}, TypeError, "Q must be a matrix of shape (2, 2), not None"),
     ({"R": np.eye(3)}, ValueError, "R must have the shape (2, 2), not (3, 3)"),
-    ({"backend": "fpga"}, ValueError, "backend must be 'reference' or 'golden', not 'fpga'"),
+    ({"backend": "fpga"}, ValueError, "backend must be one of reference, golden, uio, pynq"),
     ({"backend": 3}, TypeError, "backend must be a name or a Backend, not 3"),
     ({"backend": ReferenceUkf(UkfParams(n=1, m=1))}, ValueError,
      "params of the backend must be UkfParams(n=3"),

@@ -87,8 +87,8 @@ def test_differences_are_found():
 
 def test_a_step_has_the_time_it_needs():
     clocks = microcode(NANOSAT, Pipeline()).clocks(Program.UPDATE)
-    assert step_timeout(NANOSAT, None) > clocks / 100e6
-    assert step_timeout(NANOSAT, None, 15.6) > step_timeout(NANOSAT, None)
+    assert step_timeout(NANOSAT, Pipeline()) > clocks / 100e6
+    assert step_timeout(NANOSAT, Pipeline(), 15.6) > step_timeout(NANOSAT, Pipeline())
 
 
 # Files.

@@ -109,7 +109,7 @@ def test_generate(ukf, tmp_path):
 def test_generate_takes_the_place_in_the_system(ukf, tmp_path):
     ukf("generate", *TINY, "--base-address", "0x40000000", "--interrupt", 84, "--output", "rtl")
     overlay = (tmp_path / "rtl" / "ukf_core.dtso").read_text()
-    assert "ukf@40000000" in overlay
+    assert "ukf_core@40000000" in overlay
     assert "interrupts = <0 52 4>" in overlay
 
 

@@ -47,7 +47,7 @@ def device_tree(record: dict[str, Any], *, base_address: int, interrupt: int) ->
 	#address-cells = <1>;
 	#size-cells = <1>;
 
-	ukf@{base_address:x} {{
+	{record["name"]}@{base_address:x} {{
 		compatible = "ukf,ukf-core-{record["version"]}", "generic-uio";
 		reg = <{base_address:#x} {size:#x}>;
 		interrupt-parent = <&intc>;

@@ -167,7 +167,7 @@ def run_c_in_the_loop(
         command = [
             str(built.folder / PROGRAM), str(scenario_file), str(folder / "results.bin"),
             str(folder / "report"), "interrupt" if interrupt else "polling", str(word_clocks),
-            str(round(1e6 * step_timeout(scenario.params, pipeline, word_clocks))),
+            str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),
         ]  # fmt: skip
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:

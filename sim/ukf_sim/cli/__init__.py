@@ -3,10 +3,12 @@
 import typer
 
 from ukf_sim.cli.apps import apps_app
+from ukf_sim.cli.baseline import baseline
 from ukf_sim.cli.c_software import c_arm, c_loop, export
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
 from ukf_sim.cli.new import new
+from ukf_sim.cli.package import package, write_testbench
 from ukf_sim.cli.run import run
 
 # What takes long to import is imported by the commands that need it.
@@ -22,4 +24,7 @@ app = typer.Typer(
 )
 for command in (generate, latency, cosim, run, new, export, c_loop, c_arm):
     app.command()(command)
+for command in (package, baseline):
+    app.command()(command)
+app.command("testbench")(write_testbench)
 app.add_typer(apps_app)

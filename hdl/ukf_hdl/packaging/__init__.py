@@ -1,0 +1,1 @@
+"""What a core needs around it: scripts for Vivado, constraints, device tree."""

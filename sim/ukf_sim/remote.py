@@ -1,0 +1,202 @@
+"""The simulated core as a backend of any script: ``backend="cosim"``.
+
+A co-simulation runs its task inside the simulator's process. This task takes bus accesses from a
+socket and does them, so the software can stay where it is: in a script that would run on a board
+as it is. Everything goes through the lockstep bus, compared with the golden model.
+"""
+
+import pickle
+import subprocess
+import sys
+import tempfile
+import threading
+import weakref
+from contextlib import suppress
+from multiprocessing.connection import Client, Connection, Listener
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ukf_sim.cosimulation import CACHE, Context, Job, cosimulate, step_timeout
+from ukf_sim.lockstep import MismatchError
+from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.bus import Addresses, Words
+from ukf_sw.driver import Driver
+from ukf_sw.errors import BusError
+from ukf_sw.parameters import Pipeline, UkfParams
+
+__all__ = ["RemoteBus", "make_backend", "serve"]
+
+
+def serve(context: Context, *, address: str) -> None:
+    """Do bus accesses for another process until it closes the connection: a task.
+
+    Parameters
+    ----------
+    context
+        The core.
+    address
+        Socket of a :class:`RemoteBus`.
+    """
+    bus = context.lockstep
+    with Client(address) as connection:
+        connection.send(("ready", None))
+        while True:
+            try:
+                name, arguments = connection.recv()
+            except EOFError:
+                return
+            try:
+                answer = ("result", getattr(bus, name)(*arguments))
+            except BusError as error:
+                answer = ("refused", (error.address, error.access))
+            except MismatchError as error:
+                answer = ("mismatch", str(error))
+            connection.send(answer)
+
+
+class RemoteBus:
+    """A core in a simulator of its own, as a bus. Close it, or let it be forgotten.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core, which is generated and compiled unless that was done before.
+    simulator
+        Where it is simulated.
+    cache
+        Folder of compiled cores.
+
+    Raises
+    ------
+    SimulatorError
+        If the simulator is missing or fails; also from every access, and when the core does not do
+        what the golden model does.
+    """
+
+    def __init__(
+        self,
+        params: UkfParams,
+        pipeline: Pipeline | None = None,
+        simulator: Simulator = Simulator.VERILATOR,
+        *,
+        cache: Path = CACHE,
+    ) -> None:
+        with tempfile.TemporaryDirectory(prefix="ukf-bus-") as folder:
+            address = str(Path(folder) / "socket")
+            job = Job(
+                params=params,
+                pipeline=pipeline or Pipeline(),
+                task="ukf_sim.remote:serve",
+                arguments={"address": address},
+            )
+            (Path(folder) / "job.pickle").write_bytes(pickle.dumps((job, simulator, cache)))
+            # A process of its own: compiling and simulating change the environment of a process.
+            command = [sys.executable, "-m", "ukf_sim.remote", folder]
+            with Listener(address) as listener:
+                process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+                threading.Thread(target=_unblock, args=(process, address), daemon=True).start()
+                self._connection = listener.accept()
+            try:
+                kind, text = self._connection.recv()
+            except EOFError:
+                kind, text = "failed", f"The simulation ended with the code {process.wait()}"
+        self._finalizer = weakref.finalize(self, _stop, self._connection, process)
+        if kind == "failed":
+            self.close()
+            raise SimulatorError(text)
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._finalizer()
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        try:
+            self._connection.send((name, arguments))
+            kind, value = self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise SimulatorError("The simulation has ended") from error
+        if kind == "refused":
+            raise BusError(*value)
+        if kind == "mismatch":
+            raise SimulatorError(value)
+        return value
+
+    def read(self, address: int) -> int:
+        """Read a word; BusError if the core refuses."""
+        return self._call("read", address)
+
+    def write(self, address: int, word: int) -> None:
+        """Write a word; BusError if the core refuses."""
+        self._call("write", address, word)
+
+    def read_many(self, addresses: Addresses) -> Words:
+        """Read words, shape (k,), at addresses, shape (k,); BusError if the core refuses."""
+        return np.asarray(self._call("read_many", addresses))
+
+    def write_many(self, addresses: Addresses, words: Words) -> None:
+        """Write words, shape (k,), at addresses, shape (k,); BusError if the core refuses."""
+        self._call("write_many", addresses, words)
+
+    def wait_for_interrupt(self, timeout: float) -> bool:
+        """Wait for the interrupt, so many seconds of simulated time at most."""
+        return self._call("wait_for_interrupt", timeout)
+
+    def clock(self) -> float:
+        """Simulated time, in seconds."""
+        return self._call("clock")
+
+
+def _unblock(process: subprocess.Popen[bytes], address: str) -> None:
+    """Connect in the place of a process that ended before it could."""
+    process.wait()
+    with suppress(OSError):
+        Client(address).close()
+
+
+def _stop(connection: Connection, process: subprocess.Popen[bytes]) -> None:
+    connection.close()
+    process.wait()
+
+
+def main(folder: Path) -> None:
+    """Simulate what a :class:`RemoteBus` left in a folder: the process that it starts."""
+    job, simulator, cache = pickle.loads((folder / "job.pickle").read_bytes())
+    try:
+        cosimulate(job, simulator, cache=cache)
+    except Exception as error:
+        with suppress(OSError), Client(job.arguments["address"]) as connection:
+            connection.send(("failed", str(error)))
+        raise SystemExit(1) from error
+
+
+def make_backend(params: UkfParams, where: str = "") -> Driver:
+    """Make the backend ``cosim``, or ``cosim:icarus``: a driver of a simulated core.
+
+    Parameters
+    ----------
+    params
+        The core.
+    where
+        Simulator; Verilator if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such simulator.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    names = [simulator.value for simulator in Simulator]
+    if where and where not in names:
+        raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
+    bus = RemoteBus(params, simulator=Simulator(where) if where else Simulator.VERILATOR)
+    return Driver(
+        bus, params, interrupt=bus.wait_for_interrupt, clock=bus.clock, count_cycles=True,
+        timeout=step_timeout(params, Pipeline()),
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

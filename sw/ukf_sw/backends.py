@@ -1,0 +1,117 @@
+"""Backends by name, so that one script runs on a model here and on a core there.
+
+=========================  =========================================================
+Name                       What computes
+=========================  =========================================================
+``reference``              the papers' equations in float64
+``golden``                 the golden model, every bit as in hardware
+``uio:0``, ``uio:NAME``    a core on this board, by Linux UIO, with its interrupt
+``pynq:0x43C00000``        a core on this board, by PYNQ, polled
+``pynq:0x43C00000,PIN``    the same with the interrupt of a pin, as ukf_core_0/irq
+=========================  =========================================================
+
+Installed packages add theirs as entry points of the group ``ukf_sw.backends``; the co-simulation
+does so as ``cosim``. Such a function takes the parameters and the text after the colon.
+"""
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import UkfParams
+
+if TYPE_CHECKING:
+    from ukf_sw.filter import Backend
+
+# What is slow to import, or needs more than NumPy, is imported by the backends that need it.
+
+__all__ = ["GROUP", "backend_names", "make_backend"]
+
+#: Group of entry points.
+GROUP = "ukf_sw.backends"
+
+
+def _reference(params: UkfParams, where: str) -> "Backend":
+    from ukf_sw.reference import ReferenceUkf
+
+    _nothing("reference", where)
+    return ReferenceUkf(params)
+
+
+def _golden(params: UkfParams, where: str) -> "Backend":
+    from ukf_sw.driver import Driver
+    from ukf_sw.golden import GoldenBus, GoldenCore
+
+    _nothing("golden", where)
+    return Driver(GoldenBus(GoldenCore(params)), params)
+
+
+def _nothing(name: str, where: str) -> None:
+    if where:
+        raise ValueError(f"backend must be {name!r}, with nothing behind it, not {where!r}")
+
+
+def _uio(params: UkfParams, where: str) -> "Backend":
+    from ukf_sw.driver import Driver
+    from ukf_sw.uio import UioBus
+
+    if not where:
+        raise ValueError("backend must be 'uio:' and a number or name, not 'uio'")
+    bus = UioBus(where)
+    return Driver(bus, params, interrupt=bus.wait_for_interrupt)
+
+
+def _pynq(params: UkfParams, where: str) -> "Backend":
+    from ukf_sw.driver import Driver
+    from ukf_sw.pynq_bus import PynqBus
+
+    text, _, pin = where.partition(",")
+    try:
+        base = int(text, 0)
+    except ValueError:
+        raise ValueError(
+            f"backend must be 'pynq:' and an address, as 0x43C00000, not {'pynq:' + where!r}"
+        ) from None
+    bus = PynqBus(base, 1 << MemoryMap(params).address_width, interrupt=pin or None)
+    return Driver(bus, params, interrupt=bus.wait_for_interrupt if pin else None)
+
+
+_OWN: dict[str, Callable[[UkfParams, str], "Backend"]] = {
+    "reference": _reference,
+    "golden": _golden,
+    "uio": _uio,
+    "pynq": _pynq,
+}
+
+
+def backend_names() -> list[str]:
+    """Names, without what may stand behind a colon."""
+    return [*_OWN, *sorted({point.name for point in entry_points(group=GROUP)} - set(_OWN))]
+
+
+def make_backend(name: str, params: UkfParams) -> "Backend":
+    """Make a backend.
+
+    Parameters
+    ----------
+    name
+        As in the table above.
+    params
+        Parameters of the filter. A core may have another number of processing elements.
+
+    Raises
+    ------
+    ValueError
+        If there is no such backend, or what stands behind the colon is wrong.
+    DeviceError
+        If the device is missing, may not be used, or does not work.
+    WrongCoreError
+        If another core is there.
+    """
+    kind, _, where = name.partition(":")
+    if kind in _OWN:
+        return _OWN[kind](params, where)
+    for point in entry_points(group=GROUP, name=kind):
+        return point.load()(params, where)
+    raise ValueError(f"backend must be one of {', '.join(backend_names())}, not {name!r}")

@@ -1,0 +1,160 @@
+"""A filter of the catalogue on any backend: ``python -m ukf_sw.board``.
+
+The same command runs on a model here and on a core on a board, where it needs NumPy only. Here, on
+the golden model::
+
+    python -m ukf_sw.board --backend golden --pes 2 --steps 1000 --save golden.npz
+
+and on the board, compared with that bit for bit::
+
+    python -m ukf_sw.board --backend uio:0 --steps 1000 --compare golden.npz
+"""
+
+import argparse
+import faulthandler
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.backends import make_backend
+from ukf_sw.driver import Driver
+from ukf_sw.errors import UkfError
+from ukf_sw.parameters import Noise
+from ukf_sw.reference import ReferenceUkf
+from ukf_sw.scenario import Results, Scenario, run
+from ukf_sw.systems.nanosat import nanosat, nanosat_2014
+
+__all__ = ["compare", "main"]
+
+
+def _additive(seed: int = 0, *, steps: int | None = None) -> Scenario:
+    return nanosat(seed, noise=Noise.ADDITIVE, steps=steps)
+
+
+#: What can be run; the catalogue has more, but needs more than NumPy.
+SCENARIOS: dict[str, Callable[..., Scenario]] = {
+    "nanosat": nanosat,
+    "nanosat-2014": nanosat_2014,
+    "nanosat-additive": _additive,
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m ukf_sw.board", description="Run a filter on any backend."
+    )
+    parser.add_argument(
+        "--backend", default="golden",
+        help="reference, golden, cosim, uio:NUMBER_OR_NAME, pynq:ADDRESS[,INTERRUPT_PIN]",
+    )  # fmt: skip
+    parser.add_argument("--config", default="nanosat", choices=sorted(SCENARIOS))
+    parser.add_argument("--pes", type=int, default=1, help="of a model; a core says its own")
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the estimates, .npz")
+    parser.add_argument("--compare", type=Path, metavar="FILE", help="estimates that must be equal")
+    return parser
+
+
+def compare(x: NDArray[np.float64], saved: dict[str, Any], about: dict[str, Any]) -> str | None:
+    """Compare estimates bit for bit with saved ones; gives the first difference, or None.
+
+    Parameters
+    ----------
+    x
+        Estimates, shape (K, n).
+    saved
+        What another run saved: ``x`` and what it was about.
+    about
+        What this run was about. It must be the same, the number of PEs included, because that
+        decides the order of sums.
+    """
+    for name, value in about.items():
+        if saved[name] != value:
+            return f"{name} is {value!r}, of the saved run {saved[name]!r}"
+    other = saved["x"]
+    if other.shape != x.shape:
+        return f"{len(x)} steps, of the saved run {len(other)}"
+    wrong = np.argwhere(other.view(np.uint64) != x.view(np.uint64))
+    if wrong.size:
+        k, i = (int(index) for index in wrong[0])
+        return f"x[{i}] after step {k} is {x[k, i]!r}, of the saved run {other[k, i]!r}"
+    return None
+
+
+def _print(results: Results, reference: Results, backend: object, seconds: float) -> None:
+    scenario = results.scenario
+    steps = len(results.times)
+    print(f"{scenario.name}: {steps} steps, {seconds / steps * 1e6:.0f} us each with the models")
+    if isinstance(backend, Driver):
+        traffic = backend.traffic
+        print(
+            f"{backend.pes} PEs; {traffic.words} words of the buffer and "
+            f"{traffic.control_reads + traffic.control_writes} of the registers in all"
+        )
+        for step, cycles in backend.last_cycles.items():
+            print(f"  {step}: {cycles} clocks of the core")
+    for name, unit, own, other in zip(
+        scenario.error_names, scenario.error_units, results.rms(), reference.rms(), strict=True
+    ):
+        print(f"  rms of {name}: {own:.6g} {unit}, float64 reference {other:.6g}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    arguments
+        Command line; None is that of the process.
+
+    Returns
+    -------
+    int
+        Exit code: 0, 1 if the core, its device or the comparison failed, 2 for bad arguments.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        made = SCENARIOS[options.config](options.seed, steps=options.steps)
+        scenario = replace(made, params=replace(made.params, pes=options.pes))
+        backend = make_backend(options.backend, scenario.params)
+        if isinstance(backend, Driver):
+            backend.count_cycles = True
+        start = time.perf_counter()
+        results = run(scenario, backend)
+        seconds = time.perf_counter() - start
+    except (ValueError, OSError) as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 2
+    except UkfError as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    _print(results, run(scenario, ReferenceUkf(scenario.params)), backend, seconds)
+    about: dict[str, Any] = {
+        "config": options.config,
+        "seed": options.seed,
+        "pes": backend.pes if isinstance(backend, Driver) else 0,
+    }
+    if options.save:
+        np.savez(options.save, allow_pickle=False, x=results.x, **about)
+    if options.compare:
+        with np.load(options.compare) as file:
+            saved = {name: file[name] if name == "x" else file[name].item() for name in file}
+        difference = compare(results.x, saved, about)
+        if difference is not None:
+            print(f"Not equal: {difference}", file=sys.stderr)
+            return 1
+        print(f"Equal to {options.compare}, bit for bit")
+    return 0
+
+
+if __name__ == "__main__":
+    # An access that a core refuses ends the process: then at least say where.
+    faulthandler.enable()
+    sys.exit(main())

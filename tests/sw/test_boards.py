@@ -1,0 +1,393 @@
+"""Buses of boards: Linux UIO on a memory file and a socket, PYNQ on a module that looks like it."""
+
+import asyncio
+import mmap
+import os
+import socket
+import sys
+import threading
+import types
+
+import numpy as np
+import pytest
+
+from ukf_sw.backends import backend_names, make_backend
+from ukf_sw.board import main
+from ukf_sw.driver import Driver
+from ukf_sw.errors import (
+    BusError,
+    CoreTimeoutError,
+    DeviceError,
+    DeviceMissingError,
+    DevicePermissionError,
+    WrongCoreError,
+)
+from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import UkfParams
+from ukf_sw.pynq_bus import PynqBus
+from ukf_sw.reference import ReferenceUkf
+from ukf_sw.registers import (
+    CONTROL,
+    GATE_LOW,
+    ID,
+    INTERRUPT_ENABLE,
+    INTERRUPT_PENDING,
+    MASK,
+    REGISTERS,
+    STATUS,
+)
+from ukf_sw.scenario import run
+from ukf_sw.systems.pendulum import pendulum
+from ukf_sw.uio import UioBus
+
+PARAMS = pendulum(0, steps=1).params
+SIZE = max(1 << MemoryMap(PARAMS).address_width, mmap.PAGESIZE)
+STEPS = 20
+
+
+class UioDevice:
+    """What stands behind /dev/uioN: a shared memory, a core, and its interrupt line.
+
+    The core looks at the memory when the interrupt is enabled, which is when a driver begins to
+    wait. It then takes what was written, does the step, and leaves the results. The other end of a
+    socket pair is the descriptor that a driver polls, reads and writes.
+    """
+
+    def __init__(self, params=PARAMS, *, silent=False):
+        self.core = GoldenCore(params)
+        self.bus = GoldenBus(self.core)
+        self.silent = silent
+        self.waits = 0
+        self.memory = os.memfd_create("core")
+        os.ftruncate(self.memory, SIZE)
+        self.words = np.frombuffer(mmap.mmap(self.memory, SIZE), dtype=np.uint32)
+        self.here, there = socket.socketpair()
+        self.events = there.detach()
+        memory_map = MemoryMap(params)
+        self.buffer = [
+            memory_map.address(region.symbol, row, column)
+            for region in memory_map
+            for row in range(region.rows)
+            for column in range(region.columns)
+        ]
+        self.shown = {}
+        self.show()
+        self.thread = threading.Thread(target=self.work, daemon=True)
+        self.thread.start()
+
+    def show(self):
+        """Leave registers and buffer in the memory."""
+        for address in (*(register.offset for register in REGISTERS), *self.buffer):
+            if address != CONTROL.offset:
+                self.words[address >> 2] = self.shown[address] = self.bus.read(address)
+
+    def work(self):
+        while self.here.recv(4):
+            self.waits += 1
+            control = int(self.words[CONTROL.offset >> 2])
+            if self.silent:
+                continue
+            self.bus.write(INTERRUPT_PENDING.offset, 3)
+            for register in (MASK, GATE_LOW, INTERRUPT_ENABLE):
+                self.bus.write(register.offset, int(self.words[register.offset >> 2]))
+            written = [a for a in self.buffer if int(self.words[a >> 2]) != self.shown[a]]
+            for address in written:
+                self.bus.write(address, int(self.words[address >> 2]))
+            self.bus.write(CONTROL.offset, control)
+            self.words[CONTROL.offset >> 2] = 0
+            self.show()
+            assert self.core.irq
+            self.here.send((1).to_bytes(4, "little"))
+
+    def connect(self, **options):
+        return UioBus.of_descriptors(os.dup(self.memory), os.dup(self.events), SIZE, **options)
+
+    def stop(self):
+        self.here.shutdown(socket.SHUT_RDWR)
+        self.thread.join(10)
+        assert not self.thread.is_alive()
+        self.here.close()
+        os.close(self.events)
+        os.close(self.memory)
+
+
+@pytest.fixture
+def device():
+    device = UioDevice()
+    yield device
+    device.stop()
+
+
+def test_a_filter_runs_over_uio_as_on_the_model(device):
+    scenario = pendulum(0, steps=STEPS)
+    with device.connect() as bus:
+        driver = Driver(bus, PARAMS, interrupt=bus.wait_for_interrupt, timeout=10.0)
+        results = run(scenario, driver)
+    expected = run(scenario, "golden")
+    assert np.array_equal(results.x, expected.x)
+    assert np.array_equal(results.nis, expected.nis)
+    assert device.waits >= 2 * STEPS
+    assert np.abs(results.x - run(scenario, ReferenceUkf(PARAMS)).x).max() < 1e-4
+
+
+def test_uio_times_out_when_no_interrupt_comes(device):
+    device.silent = True
+    with device.connect() as bus:
+        assert not bus.wait_for_interrupt(0.01)
+        assert not bus.wait_for_interrupt(0.0)
+        driver = Driver(bus, PARAMS, interrupt=bus.wait_for_interrupt, timeout=0.02)
+        with pytest.raises(CoreTimeoutError, match="no interrupt"):
+            run(pendulum(0, steps=1), driver)
+
+
+def test_wrong_core_over_uio(device):
+    with device.connect() as bus, pytest.raises(WrongCoreError, match=r"^SIZES.N of the core must"):
+        Driver(bus, UkfParams(n=3, m=1))
+
+
+def test_what_a_core_would_refuse_is_a_bus_error(device):
+    """On a board, SLVERR would end the process."""
+    with device.connect() as bus:
+        buffer = MemoryMap(PARAMS).address("x", 0, 0)
+        cases = [2, -4, SIZE, SIZE + 4, max(register.offset for register in REGISTERS) + 4, 252]
+        for address in cases:
+            with pytest.raises(BusError, match="refused the read") as caught:
+                bus.read(address)
+            assert caught.value.address == address
+            with pytest.raises(BusError, match="refused the write"):
+                bus.write(address, 1)
+            with pytest.raises(BusError):
+                bus.read_many(np.array([ID.offset, address]))
+        bus.write(buffer, 7)
+        device.words[STATUS.offset >> 2] = 2  # a step runs
+        for access in (
+            lambda: bus.read(buffer),
+            lambda: bus.write(buffer, 8),
+            lambda: bus.read_many(np.array([ID.offset, buffer])),
+            lambda: bus.write_many(np.array([buffer]), np.array([8], dtype=np.uint32)),
+        ):
+            with pytest.raises(BusError) as caught:
+                access()
+            assert caught.value.address == buffer
+        assert bus.read(ID.offset) == device.bus.read(ID.offset)  # registers always answer
+        device.words[STATUS.offset >> 2] = 0
+        assert bus.read(buffer) == 7
+    with device.connect(guard=False) as bus:
+        device.words[STATUS.offset >> 2] = 2
+        assert bus.read(buffer) == 7
+
+
+def test_words_are_whole_and_in_place(device):
+    with device.connect() as bus:
+        places = np.array([MemoryMap(PARAMS).address("x", 0, i) for i in range(PARAMS.n)])
+        words = np.array([0xDEADBEEF, 0xFFFFFFFF], dtype=np.uint32)
+        bus.write_many(places, words)
+        assert bus.read_many(places).tolist() == words.tolist()
+        assert device.words[places >> 2].tolist() == words.tolist()
+
+
+def uio_tree(folder, *, name="ukf_core", size=f"{SIZE:#x}"):
+    node = folder / "sys" / "uio3"
+    (node / "maps" / "map0").mkdir(parents=True)
+    (node / "name").write_text(f"{name}\n")
+    (node / "maps" / "map0" / "size").write_text(f"{size}\n")
+    (folder / "dev").mkdir()
+    with (folder / "dev" / "uio3").open("wb") as file:
+        file.truncate(SIZE)
+    return {"sysfs": folder / "sys", "devices": folder / "dev"}
+
+
+@pytest.mark.parametrize("device", [3, "3", "ukf_core"])
+def test_uio_devices_are_found_by_number_and_by_name(device, tmp_path):
+    with UioBus(device, **uio_tree(tmp_path)) as bus:
+        bus.write(MASK.offset, 5)
+    assert (tmp_path / "dev" / "uio3").read_bytes()[MASK.offset] == 5
+
+
+def test_uio_devices_that_cannot_be_used(tmp_path, monkeypatch):
+    tree = uio_tree(tmp_path, size="0x10000000000")
+    with pytest.raises(DeviceMissingError, match=r"uio4: no such UIO device.*generic-uio"):
+        UioBus(4, **tree)
+    with pytest.raises(DeviceMissingError, match=r"^uio:other: .*; there are: ukf_core$"):
+        UioBus("other", **tree)
+    with pytest.raises(DeviceError, match="cannot map 1099511627776 bytes"):
+        UioBus(3, **tree)
+    (tmp_path / "sys" / "uio3" / "maps" / "map0" / "size").write_text("large")
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        UioBus(3, **tree)
+    (tmp_path / "sys" / "uio3" / "maps" / "map0" / "size").write_text("16")
+    with pytest.raises(ValueError, match=r"^size must be at least 256 bytes, not 16$"):
+        UioBus(3, **tree)
+
+    def denied(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "open", denied)
+    with pytest.raises(DevicePermissionError, match=r"uio3: permission denied; run as root"):
+        UioBus(3, **tree)
+
+
+def test_uio_device_without_interrupt(tmp_path):
+    """A device tree without interrupts: the kernel refuses the write."""
+    with UioBus(3, **uio_tree(tmp_path)) as bus:
+        read_only = os.open(tmp_path / "dev" / "uio3", os.O_RDONLY)
+        os.dup2(read_only, bus._events)
+        os.close(read_only)
+        with pytest.raises(DeviceError, match="no interrupt to wait for"):
+            bus.wait_for_interrupt(0.1)
+
+
+# PYNQ.
+
+
+class FakeMMIO:
+    """``pynq.MMIO`` on the golden model: offsets in bytes, plain int to write."""
+
+    core = None
+    made = ()
+
+    def __init__(self, base_addr, length=4):
+        self.bus = GoldenBus(FakeMMIO.core)
+        FakeMMIO.made = (base_addr, length)
+
+    def read(self, offset=0):
+        assert offset % 4 == 0
+        return self.bus.read(offset)
+
+    def write(self, offset, data):
+        assert type(data) is int
+        self.bus.write(offset, data)
+
+
+class FakeInterrupt:
+    """``pynq.Interrupt``: a coroutine that ends when the line is high."""
+
+    def __init__(self, pinname):
+        if pinname != "ukf_core_0/irq":
+            raise ValueError(f"No Pin of name {pinname} found")
+
+    async def wait(self):
+        while not FakeMMIO.core.irq:
+            await asyncio.sleep(0.001)
+
+
+@pytest.fixture
+def pynq(monkeypatch):
+    FakeMMIO.core = GoldenCore(PARAMS)
+    module = types.ModuleType("pynq")
+    module.MMIO, module.Interrupt = FakeMMIO, FakeInterrupt
+    monkeypatch.setitem(sys.modules, "pynq", module)
+    made = []
+    new = asyncio.new_event_loop
+    monkeypatch.setattr(asyncio, "new_event_loop", lambda: made.append(new()) or made[-1])
+    yield module
+    asyncio.set_event_loop(None)
+    for loop in made:
+        loop.close()
+
+
+@pytest.mark.parametrize("name", ["pynq:0x43C00000", "pynq:0x43C00000,ukf_core_0/irq"])
+def test_a_filter_runs_over_pynq_as_on_the_model(pynq, name):
+    scenario = pendulum(0, steps=STEPS)
+    ukf = scenario.filter(name)
+    results = run(scenario, ukf.backend)
+    assert np.array_equal(results.x, run(scenario, "golden").x)
+    assert FakeMMIO.made == (0x43C0_0000, 1 << MemoryMap(PARAMS).address_width)
+
+
+def test_pynq_interrupt_times_out(pynq):
+    bus = PynqBus(0x43C0_0000, SIZE, interrupt="ukf_core_0/irq")
+    assert not bus.wait_for_interrupt(0.01)
+
+
+def test_what_can_go_wrong_with_pynq(pynq, monkeypatch):
+    with pytest.raises(DeviceMissingError, match="No Pin of name x found"):
+        PynqBus(0, SIZE, interrupt="x")
+    with pytest.raises(DeviceError, match="made without an interrupt"):
+        PynqBus(0, SIZE).wait_for_interrupt(1.0)
+    with pytest.raises(ValueError, match=r"^base must be a multiple of 4096, not 0x10$"):
+        PynqBus(16, SIZE)
+    with pytest.raises(BusError):
+        PynqBus(0, SIZE).read(0xFC)
+
+    def broken(error):
+        def make(*_):
+            raise error
+
+        monkeypatch.setattr(pynq, "MMIO", make)
+
+    for error in (PermissionError("no"), OSError("Root permissions required.")):
+        broken(error)
+        with pytest.raises(DevicePermissionError, match="PYNQ needs root"):
+            PynqBus(0, SIZE)
+    broken(RuntimeError("No Devices Found"))
+    with pytest.raises(DeviceError, match="PYNQ cannot map it: No Devices Found"):
+        PynqBus(0, SIZE)
+
+
+def test_pynq_that_is_not_installed(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pynq", None)
+    with pytest.raises(DeviceMissingError, match="PYNQ is not installed"):
+        PynqBus(0, SIZE)
+
+
+# Backends by name.
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("fpga", "backend must be one of reference, golden, uio, pynq"),
+        ("golden:1", "backend must be 'golden', with nothing behind it, not '1'"),
+        ("uio", "backend must be 'uio:' and a number or name, not 'uio'"),
+        ("pynq:here", "backend must be 'pynq:' and an address"),
+    ],
+)
+def test_names_that_are_no_backend(name, message):
+    with pytest.raises(ValueError, match=message):
+        make_backend(name, PARAMS)
+
+
+def test_other_packages_add_backends(monkeypatch):
+    class Point:
+        name = "mine"
+
+        def load(self):
+            return lambda params, where: (params, where)
+
+    def points(group, name=None):
+        assert group == "ukf_sw.backends"
+        return [Point()] if name in (None, "mine") else []
+
+    monkeypatch.setattr("ukf_sw.backends.entry_points", points)
+    assert make_backend("mine:there", PARAMS) == (PARAMS, "there")
+    assert backend_names() == ["reference", "golden", "uio", "pynq", "mine"]
+
+
+# The command.
+
+
+def test_board_command_saves_and_compares(tmp_path, capsys):
+    file = tmp_path / "golden.npz"
+    common = ["--config", "nanosat-additive", "--steps", "3", "--pes", "2"]
+    assert main([*common, "--save", str(file)]) == 0
+    assert main([*common, "--compare", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "Equal to" in out
+    assert "PREDICT:" in out
+    assert main([*common, "--seed", "1", "--compare", str(file)]) == 1
+    assert "seed is 1, of the saved run 0" in capsys.readouterr().err
+    with np.load(file) as saved:
+        contents = dict(saved)
+    contents["x"][1, 2] = np.nextafter(contents["x"][1, 2], 9.0)
+    np.savez(file, **contents)
+    assert main([*common, "--compare", str(file)]) == 1
+    assert "x[2] after step 1 is" in capsys.readouterr().err
+
+
+def test_board_command_fails_with_a_message(tmp_path, capsys):
+    assert main(["--backend", "uio:99"]) == 1
+    assert "DeviceMissingError: /dev/uio99: no such UIO device" in capsys.readouterr().err
+    assert main(["--backend", "fpga"]) == 2
+    assert "backend must be one of" in capsys.readouterr().err

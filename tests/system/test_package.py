@@ -1,0 +1,259 @@
+"""Packaging: what is written, the scripts on the model of Vivado, and mistakes it must find."""
+
+import json
+import re
+import shutil
+import subprocess
+from importlib.util import find_spec
+
+import pytest
+from typer.testing import CliRunner
+
+from ukf_hdl.packaging.boards import BOARDS
+from ukf_hdl.packaging.package import BASE, package
+from ukf_sim.cli import app
+from ukf_sim.configurations import Problem
+from ukf_sim.stub_engine import StubEngine
+from ukf_sim.testbench import record, write
+from ukf_sim.vivado_check import ScriptError, check_package
+from ukf_sw.float_format import BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import UkfParams
+
+TINY = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+SMALLEST = UkfParams(n=1, m=1)
+LARGER = UkfParams(n=6, m=5, q=6, r=5, format=BINARY64)
+
+needs_tcl = pytest.mark.skipif(
+    find_spec("_tkinter") is None,
+    reason="Python has no tkinter, whose Tcl interpreter runs the scripts",
+)
+
+
+def make(folder, params=TINY, board="pynq-z2"):
+    return package(params, None, BOARDS[board], folder, engine=StubEngine(params))
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("package")
+    make(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(original, tmp_path):
+    """Copy of a package, to be broken."""
+    shutil.copytree(original, tmp_path / "package")
+    return tmp_path / "package"
+
+
+def test_equal_inputs_give_equal_files(original, tmp_path):
+    for file in make(tmp_path):
+        assert file.read_bytes() == (original / file.relative_to(tmp_path)).read_bytes()
+
+
+@needs_tcl
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("params", [TINY, SMALLEST, LARGER], ids=["tiny", "smallest", "double"])
+def test_scripts_make_a_system(params, board, tmp_path):
+    make(tmp_path, params, board)
+    checked = check_package(tmp_path)
+    record = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
+    assert checked.address == BASE
+    assert checked.size == max(1 << record["address_width"], 4096)
+    assert checked.size >= 1 << MemoryMap(params).address_width
+    assert checked.clock_mhz == 100.0
+    assert "ukf_core_0" in checked.cells
+    assert checked.commands > 60
+
+
+#: File, what to replace, with what, and what the check must say.
+MISTAKES = {
+    "pin": ("block_design.tcl", "$core/$core_clock", "$core/clk", "no pin clk"),
+    "interface": ("block_design.tcl", "$core/$core_bus]", "$core/axi]", "no interface axi"),
+    "command": ("block_design.tcl", "validate_bd_design", "check_bd_design", "invalid command"),
+    "option": ("block_design.tcl", "-type ip", "-kind ip", "no option -kind"),
+    "property": ("block_design.tcl", "PCW_IRQ_F2P_INTR", "PCW_IRQ_F2P", "no property CONFIG"),
+    "ip version": ("block_design.tcl", "smartconnect:1.0", "smartconnect:9.0", "catalogue has no"),
+    "cell": ("block_design.tcl", "get_bd_pins $reset/per", "get_bd_pins /r/per", "no cell '/r'"),
+    "no interrupt": (
+        "block_design.tcl", "connect_bd_net [get_bd_pins $core/$core_interrupt]", "list",
+        "irq|IRQ_F2P is not connected",
+    ),
+    "interrupt off": (
+        "block_design.tcl", "FABRIC_INTERRUPT 1", "FABRIC_INTERRUPT 0", "IRQ_F2P only with",
+    ),
+    "no clock": (
+        "block_design.tcl", "    [get_bd_pins $bus/aclk] \\\n", "", "smartconnect_0/aclk is not",
+    ),
+    "no reset": (
+        "block_design.tcl", " \\\n    [get_bd_pins $core/$core_reset]", "", "aresetn is not conn",
+    ),
+    "polarity": (
+        "block_design.tcl", "$reset/peripheral_aresetn", "$reset/peripheral_reset", "polarity",
+    ),
+    "clock as reset": (
+        "block_design.tcl", "$ps/FCLK_RESET0_N", "$reset/mb_reset", "must not have the polarity",
+    ),
+    "two masters": ("block_design.tcl", "$ps/M_AXI_GP0]", "$bus/M00_AXI]", "master|connected"),
+    "not linked": (
+        "block_design.tcl", "connect_bd_intf_net [get_bd_intf_pins $bus/M00_AXI]", "list",
+        "s_axi|M00_AXI is not connected",
+    ),
+    "no preset": ("block_design.tcl", 'apply_board_preset "1"', 'apply_preset "1"', "rule does"),
+    "no address": ("block_design.tcl", "assign_bd_address", "list", "has no address"),
+    "address outside": ("settings.tcl", "core_base 0x43c00000", "core_base 0x83c00000", "window"),
+    "address odd": ("settings.tcl", "core_base 0x43c00000", "core_base 0x43c00800", "multiple"),
+    "range": ("settings.tcl", "core_range 4096", "core_range 2048", "power of 2"),
+    "part": ("settings.tcl", "part xc7z020clg400-1", "part xc7z099", "no part"),
+    "board": ("settings.tcl", "tul.com.tw", "tul.com", "must be installed"),
+    "board of another part": (
+        "settings.tcl", "board_parts {tul.com.tw:pynq-z2", "board_parts {avnet.com:zedboard",
+        "does not have the part",
+    ),
+    "module": ("settings.tcl", "core_name ukf_core", "core_name ukf", "no file"),
+    "clock port": ("settings.tcl", "core_clock aclk", "core_clock clk", "must not be clk"),
+    "interfaces": ("settings.tcl", "{s_axi aclk", "{m_axi aclk", "must have the interface m_axi"),
+    "variable": ("settings.tcl", "set design_name", "set design", "can't read"),
+    "file": ("package_ip.tcl", "${core_name}.v]", "${core_name}.sv]", "no file"),
+    "no block": ("package_ip.tcl", "ipx::add_address_block $core_block $map", "", "one obj"),
+    "no clock of bus": ("package_ip.tcl", "-clock $core_clock", "-clock $core_reset", "clock of"),
+    "not saved": ("package_ip.tcl", "ipx::save_core $core\n", "", "catalogue has no"),
+    "project left open": ("package_ip.tcl", "close_project\n", "", "still open"),
+    "catalogue": ("build.tcl", "update_ip_catalog\n", "", "catalogue has no"),
+    "repository": ("build.tcl", "[file join $root ip]]", "[file join $root]]", "ip_repo_paths"),
+    "top": ("build.tcl", "${design_name}_wrapper [curr", "${design_name} [curr", "top must be"),
+    "run": ("build.tcl", "launch_runs impl_1", "launch_runs impl_2", "no run impl_2"),
+    "no bitstream": ("build.tcl", "-to_step write_bitstream ", "", "after it is made"),
+    "hold": ("build.tcl", "hold min", "hold low", "no delays low"),
+    "output": ("build.tcl", "${design_name}.bit]", "x.bit]", "must end with bit"),
+    "constraint": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports clk", "there is no clock clk"),
+    "constraint of another port": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports irq", "no cl"),
+    "verilog port": ("../rtl/ukf_core.v", "s_axi ARADDR", "s_axi ARADR", "ARADDR"),
+    "verilog clock": ("../rtl/ukf_core.v", "ASSOCIATED_BUSIF s_axi", "ASSOCIATED s", "a clock"),
+    "tcl": ("block_design.tcl", "validate_bd_design", "validate_bd_design {", "missing close"),
+}  # fmt: skip
+
+
+@needs_tcl
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_are_found(name, folder):
+    file, old, new, message = MISTAKES[name]
+    path = folder / "vivado" / file
+    text = path.read_text(encoding="utf-8")
+    assert old in text, "the mistake must be one"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ScriptError, match=message):
+        check_package(folder)
+
+
+@needs_tcl
+def test_forgotten_file_is_found(folder):
+    (folder / "vivado" / "ukf_core_ooc.xdc").unlink()
+    with pytest.raises(ScriptError, match="there is no file"):
+        check_package(folder)
+
+
+def test_device_tree_says_what_the_scripts_say(original, tmp_path):
+    overlay = original / "rtl" / "ukf_core.dtso"
+    text = overlay.read_text()
+    settings = (original / "vivado" / "settings.tcl").read_text()
+    base = int(re.search(r"core_base (\w+)", settings)[1], 16)
+    size = int(re.search(r"core_range (\w+)", settings)[1])
+    assert f"reg = <{base:#x} {size:#x}>;" in text
+    assert f"ukf_core@{base:x}" in text
+    if shutil.which("dtc") is None or shutil.which("fdtoverlay") is None:
+        pytest.skip("the device tree compiler is not installed")
+    stub = tmp_path / "base.dts"
+    stub.write_text(
+        "/dts-v1/;\n/ { #address-cells = <1>; #size-cells = <1>;\n"
+        "intc: interrupt-controller@f8f01000 { reg = <0xf8f01000 0x1000>; interrupt-controller;\n"
+        "#interrupt-cells = <3>; };\n"
+        "clkc: clkc@f8000100 { reg = <0xf8000100 0x100>; #clock-cells = <1>; };\n"
+        'amba: axi { compatible = "simple-bus"; #address-cells = <1>; #size-cells = <1>; ranges;'
+        " };\n};\n"
+    )
+    for command in (
+        ["dtc", "-@", "-q", "-I", "dts", "-O", "dtb", "-o", "base.dtb", "base.dts"],
+        ["dtc", "-@", "-q", "-I", "dts", "-O", "dtb", "-o", "core.dtbo",
+         str(overlay)],
+        ["fdtoverlay", "-i", "base.dtb", "-o", "all.dtb", "core.dtbo"],
+        ["dtc", "-q", "-I", "dtb", "-O", "dts", "-o", "all.dts", "all.dtb"],
+    ):  # fmt: skip
+        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+    merged = (tmp_path / "all.dts").read_text()
+    assert 'generic-uio";' in merged
+    assert "interrupts = <0x00 0x1d 0x04>;" in merged
+
+
+@needs_tcl
+def test_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
+    runner = CliRunner()
+    result = runner.invoke(app, ["package", *arguments, "--board", "zedboard", "--json"])
+    assert result.exit_code == 0, result.output
+    made = json.loads(result.stdout)
+    assert made["checked"]["address"] == BASE
+    assert (
+        "set part xc7z020clg484-1" in (tmp_path / "build/package/vivado/settings.tcl").read_text()
+    )
+    # The same parameters give the same core.
+    assert runner.invoke(app, ["generate", *arguments, "--output", "core"]).exit_code == 0
+    for name in ("ukf_core.v", "ukf_core.json", "ukf_core.h"):
+        own, other = tmp_path / "build/package/rtl" / name, tmp_path / "core" / name
+        assert own.read_bytes() == other.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["package", "--board", "arty"], "--board must be one of zedboard, pynq-z2, not 'arty'"),
+        (["package", "--board", "zedboard", "--output", "file"], "--output must be a folder, not"),
+        (["testbench", "--output", "file"], "--output must be a folder, not the file 'file'"),
+    ],
+)
+def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    result = CliRunner().invoke(app, [*arguments, "--n", "1", "--m", "1"], env={"COLUMNS": "500"})
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+# The testbench in Verilog.
+
+
+def test_testbench_has_the_whole_filter():
+    accesses = record(Problem(params=TINY), 3)
+    kinds = [what for what, _, _ in accesses]
+    # INIT, three iterations of three steps, COVARIANCE.
+    assert kinds.count(3) == 1 + 3 * 3 + 1
+    assert set(kinds) == {1, 2, 3}
+
+
+@pytest.mark.parametrize("broken", [False, True], ids=["right", "wrong word"])
+def test_testbench_runs_in_icarus(broken, tmp_path):
+    if shutil.which("iverilog") is None:
+        pytest.skip("Icarus Verilog is not installed")
+    from ukf_hdl.generate import generate
+
+    generate(TINY, None, tmp_path)
+    _, vectors = write(Problem(params=TINY), 1, tmp_path)
+    lines = vectors.read_text().splitlines()
+    last = max(k for k, line in enumerate(lines) if line.startswith("02"))
+    if broken:  # one bit of the last word that is read
+        lines[last] = lines[last][:-1] + f"{int(lines[last][-1], 16) ^ 1:x}"
+        vectors.write_text("\n".join(lines) + "\n")
+    for command in (
+        ["iverilog", "-g2005", "-o", "tb.vvp", "ukf_core.v", "ukf_core_tb.v"],
+        ["vvp", "-n", "tb.vvp"],
+    ):
+        result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    if broken:
+        assert f"FAIL: access {last}," in result.stdout
+        assert "FAIL: 1 errors" in result.stdout
+    else:
+        assert f"PASS: {len(lines)} accesses" in result.stdout
