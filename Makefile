@@ -75,7 +75,7 @@ readme: $(STAMP) ## Refresh the generated tables of the README and the printed r
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-zynq: zynq-c ## Make and check what goes on a Zynq
+zynq: zynq-c package-check fusesoc ## Make and check what goes on a Zynq
 
 # The ARM part needs Debian's gcc-arm-linux-gnueabihf, libc6-dev-armhf-cross and qemu-user.
 zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated ARM
