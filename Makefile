@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth ecp5 bench readme docs lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth ecp5 bench readme docs zynq zynq-tools zynq-c package-check fusesoc baseline lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -53,7 +53,6 @@ mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
 	$(BIN)/python -m ukf_sim.resources
 
-.PHONY: package-check fusesoc baseline
 package-check: $(STAMP) ## Package the core for both boards, and check the scripts
 	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
 	$(BIN)/ukf package --config nanosat --pes 2 --board pynq-z2 --output build/package/pynq-z2
@@ -89,6 +88,28 @@ readme: $(STAMP) ## Refresh the generated tables of the README and the printed r
 
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+zynq: zynq-tools zynq-c package-check fusesoc build/armhf ## Make and check what goes on a Zynq
+	$(BIN)/ukf baseline --sysroot build/armhf
+
+ZYNQ_PACKAGES := device-tree-compiler gcc-arm-linux-gnueabihf libc6-dev-armhf-cross qemu-user \
+	libgsl-dev llvm-14 python3-tk iverilog
+
+zynq-tools: # Debian's packages that are missing: installed by root, else named
+	@missing=$$(for package in $(ZYNQ_PACKAGES); do dpkg -s $$package >/dev/null 2>&1 || echo $$package; done); \
+	if [ -z "$$missing" ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then apt-get install -qy $$missing; \
+	else echo "These Debian packages are missing; what needs them is skipped:" $$missing; fi
+
+zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated ARM
+	$(BIN)/ukf generate --config nanosat --pes 2 --output build/zynq/core
+	$(BIN)/ukf export --config nanosat --steps 1000 --output build/zynq/data
+	$(BIN)/python -m pytest tests/hdl/test_interfaces.py tests/system/test_c_driver.py \
+		tests/system/test_c_ports.py tests/system/test_c_programs.py tests/system/test_c_loop.py -m "not slow"
+	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1000 --beside-cocotb 30
+	@if command -v arm-linux-gnueabihf-gcc >/dev/null && command -v qemu-arm >/dev/null; then \
+		$(BIN)/ukf c-arm --config nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
+	else echo "No arm-linux-gnueabihf-gcc or qemu-arm here: the ARM part is skipped"; fi
 
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .

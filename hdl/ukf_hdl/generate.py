@@ -1,4 +1,4 @@
-"""Generator of the packaged core: Verilog, C header and description."""
+"""Generator of the packaged core: Verilog, description, and what software needs."""
 
 import json
 import os
@@ -13,15 +13,33 @@ from amaranth.lib.wiring import In
 
 from ukf_hdl.control import reset_value
 from ukf_hdl.core import UkfCore
+from ukf_hdl.interfaces.c_header import core_header, registers_header
+from ukf_hdl.interfaces.device_tree import device_tree
+from ukf_hdl.interfaces.register_page import register_page
+from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import Pipeline, UkfParams
-from ukf_sw.registers import DATA_WIDTH, REGISTERS, ErrorCode, Step
+from ukf_sw.registers import DATA_WIDTH, REGISTERS
 
-__all__ = ["NAME", "Toplevel", "c_header", "description", "generate"]
+__all__ = [
+    "BASE_ADDRESS",
+    "INTERRUPT",
+    "NAME",
+    "Toplevel",
+    "c_header",
+    "description",
+    "generate",
+    "interface_files",
+]
 
 #: Name of the Verilog module and stem of the files.
 NAME = "ukf_core"
+
+#: Where Vivado puts the first core on the general port of a Zynq-7000, unless told otherwise.
+BASE_ADDRESS = 0x43C0_0000
+#: Interrupt of IRQ_F2P[0] of a Zynq-7000 at its controller.
+INTERRUPT = 61
 
 #: Attributes that let Vivado infer what the port names do not say, by port.
 VIVADO_ATTRIBUTES = {
@@ -190,56 +208,48 @@ def _describe_registers(core):
 
 
 def c_header(core: UkfCore) -> str:
-    """Render the map of a core as a C header, C99 and later.
+    """Render sizes and addresses of a core as a C header; see :mod:`ukf_hdl.interfaces`.
 
     Parameters
     ----------
     core
         The core.
     """
+    return core_header(description(core))
+
+
+def interface_files(
+    core: UkfCore, *, base_address: int = BASE_ADDRESS, interrupt: int = INTERRUPT
+) -> dict[str, str]:
+    """Render everything that software needs to know about a core.
+
+    Parameters
+    ----------
+    core
+        The core.
+    base_address, interrupt
+        As for :func:`generate`.
+
+    Returns
+    -------
+    dict
+        Contents by name of the file.
+
+    Raises
+    ------
+    ValueError
+        If address or interrupt are out of range.
+    """
     record = description(core)
-    lines = [
-        "/* Register and memory map of the UKF core. Generated, do not edit. */",
-        "#ifndef UKF_CORE_H",
-        "#define UKF_CORE_H",
-        "",
-        "/* Sizes. */",
-        *(f"#define UKF_{name.upper()} {record['parameters'][name]}u" for name in "nmqr"),
-        f"#define UKF_POINTS {core.params.N}u",
-        f"#define UKF_PES {core.params.pes}u",
-        f"#define UKF_EXPONENT_BITS {core.params.format.exponent_bits}u",
-        f"#define UKF_FRACTION_BITS {core.params.format.fraction_bits}u",
-        "",
-        "/* Addresses are in bytes. Element (i, j) of a region is at",
-        " * base + i * UKF_ROW_STRIDE + j * UKF_ELEMENT_BYTES. */",
-        f"#define UKF_ADDRESS_BITS {record['address_width']}u",
-        f"#define UKF_ELEMENT_BYTES {record['element_bytes']}u",
-        f"#define UKF_ROW_STRIDE {record['row_stride']:#x}u",
-        f"#define UKF_REGION_STRIDE {record['region_stride']:#x}u",
-    ]
-    for region in record["regions"]:
-        stem = f"UKF_{region['name'].upper()}"
-        lines += [
-            "",
-            f"/* {region['symbol']}: {region['doc']} */",
-            f"#define {stem}_BASE {region['base']:#x}u",
-            f"#define {stem}_ROWS {region['rows']}u",
-            f"#define {stem}_COLUMNS {region['columns']}u",
-        ]
-    for register in record["registers"]:
-        stem = f"UKF_{register['name']}"
-        lines += ["", f"/* {register['doc']} */", f"#define {stem}_OFFSET {register['offset']:#x}u"]
-        for field in register["fields"]:
-            mask = ((1 << field["width"]) - 1) << field["lsb"]
-            lines += [
-                f"#define {stem}_{field['name']}_SHIFT {field['lsb']}u",
-                f"#define {stem}_{field['name']}_MASK {mask:#x}u",
-            ]
-    lines += ["", "/* Values of STATUS.STATE. */"]
-    lines += [f"#define UKF_STEP_{step.name} {step.value}u" for step in Step]
-    lines += ["", "/* Values of ERROR.CODE. */"]
-    lines += [f"#define UKF_ERROR_CODE_{code.name} {code.value}u" for code in ErrorCode]
-    return "\n".join([*lines, "", "#endif", ""])
+    place = {"base_address": base_address, "interrupt": interrupt}
+    return {
+        f"{NAME}.json": json.dumps(record, indent=2) + "\n",
+        f"{NAME}.h": core_header(record),
+        "ukf_registers.h": registers_header(record),
+        f"{NAME}.svd": svd(record, **place),
+        f"{NAME}.dtso": device_tree(record, **place),
+        f"{NAME}.md": register_page(record),
+    }
 
 
 @contextmanager
@@ -258,7 +268,13 @@ def _builtin_yosys():
 
 
 def generate(
-    params: UkfParams, pipeline: Pipeline | None, output: Path, *, engine=None
+    params: UkfParams,
+    pipeline: Pipeline | None,
+    output: Path,
+    *,
+    engine=None,
+    base_address: int = BASE_ADDRESS,
+    interrupt: int = INTERRUPT,
 ) -> list[Path]:
     """Write a core to a folder. Equal inputs give equal files, byte for byte.
 
@@ -270,20 +286,26 @@ def generate(
         Folder to write to; made if absent.
     engine
         In the place of the core's own, for tests.
+    base_address, interrupt
+        Where the core will be in the system, for the SVD and the device tree: byte address, and
+        number at the interrupt controller.
 
     Returns
     -------
     list of Path
-        The files written: Verilog, description, C header.
+        The files written: Verilog, description, C headers, CMSIS-SVD, device tree overlay,
+        documentation of the registers.
+
+    Raises
+    ------
+    ValueError
+        If address or interrupt are out of range.
     """
     core = UkfCore(params, pipeline, engine=engine)
+    interfaces = interface_files(core, base_address=base_address, interrupt=interrupt)
     with _builtin_yosys():
         text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
-    files = {
-        f"{NAME}.v": text,
-        f"{NAME}.json": json.dumps(description(core), indent=2) + "\n",
-        f"{NAME}.h": c_header(core),
-    }
+    files = {f"{NAME}.v": text, **interfaces}
     output.mkdir(parents=True, exist_ok=True)
     for file, content in files.items():
         (output / file).write_text(content, encoding="utf-8")

@@ -9,19 +9,28 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import cocotb_tools.config
 from cocotb_tools.check_results import get_results
 from cocotb_tools.runner import get_runner
 
-__all__ = ["Build", "Simulator", "SimulatorError", "build", "simulate", "tool_environment"]
+__all__ = [
+    "Build",
+    "Simulator",
+    "SimulatorError",
+    "build",
+    "build_program",
+    "simulate",
+    "tool_environment",
+]
 
 _DONE = "built.json"
 _LOG_LINES = 25
@@ -189,6 +198,20 @@ def build(
         "cocotb": [version("cocotb"), str(cocotb_tools.config.libs_dir)],
         "python": platform.python_version(),
     }
+    return _cached(
+        cache, identity, simulator, top,
+        lambda folder: _compile(verilog, top, simulator, folder, flags, make_flags),
+    )  # fmt: skip
+
+
+def _cached(
+    cache: Path,
+    identity: dict[str, Any],
+    simulator: Simulator,
+    top: str,
+    compile_into: Callable[[Path], None],
+) -> Build:
+    """Compile into a folder of the cache, unless the same has been compiled before."""
     key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:24]
     folder = (cache / key).resolve()
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -199,7 +222,7 @@ def build(
         if compiled:
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
-            _compile(verilog, top, simulator, folder, flags, make_flags)
+            compile_into(folder)
             (folder / _DONE).write_text(json.dumps(identity, indent=2), encoding="utf-8")
     return Build(
         simulator=simulator,
@@ -208,6 +231,81 @@ def build(
         compiled=compiled,
         seconds=time.monotonic() - start,
     )
+
+
+#: Name of the executable of :func:`build_program`.
+PROGRAM = "program"
+
+
+def build_program(
+    verilog: Path,
+    top: str,
+    sources: Sequence[Path],
+    objects: Sequence[Path],
+    cache: Path,
+    *,
+    includes: Sequence[Path] = (),
+    optimise: bool = True,
+) -> Build:
+    """Compile Verilog with Verilator into a program of its own, unless that was done before.
+
+    Parameters
+    ----------
+    verilog
+        Source.
+    top
+        Name of the module; the model is the C++ class V``top``.
+    sources
+        C++ sources, with ``main``.
+    objects
+        Compiled code to link. All files have different names.
+    cache
+        Folder of compiled sources, as for :func:`build`.
+    includes
+        Folders of headers.
+    optimise
+        As for :func:`build`.
+
+    Returns
+    -------
+    Build
+        Its folder has the executable :data:`PROGRAM`.
+
+    Raises
+    ------
+    SimulatorError
+        If Verilator is not installed or does not compile the source.
+    """
+    _require(Simulator.VERILATOR)
+    make_flags = _MAKE_FLAGS.format("-O3" if optimise else "-O1")
+    flags = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert", "-Wno-fatal")
+    # What is compiled is what was hashed, even if somebody edits the files meanwhile.
+    inputs = {path.name: path.read_bytes() for path in (verilog, *sources, *objects)}
+    identity = {
+        "inputs": {name: hashlib.sha256(text).hexdigest() for name, text in inputs.items()},
+        "top": top,
+        "simulator": [Simulator.VERILATOR.value, _version(Simulator.VERILATOR)],
+        "flags": [*flags, make_flags],
+    }
+
+    def compile_into(folder: Path) -> None:
+        copies = [folder / "inputs" / name for name in inputs]
+        copies[0].parent.mkdir()
+        for copy, text in zip(copies, inputs.values(), strict=True):
+            copy.write_bytes(text)
+        command = [
+            "verilator", "--cc", "--exe", "--build", *flags, "--top-module", top,
+            "--Mdir", str(folder), "-o", PROGRAM,
+            "-CFLAGS", " ".join(f"-I{path.resolve()}" for path in includes),
+            *map(str, copies),
+        ]  # fmt: skip
+        log = folder / "build.log"
+        with tool_environment(make_flags), log.open("w", encoding="utf-8") as output:
+            code = subprocess.run(command, stdout=output, stderr=output, check=False).returncode
+        if code:
+            raise SimulatorError(f"verilator failed to compile {verilog}:\n{_tail(log)}")
+
+    return _cached(cache, identity, Simulator.VERILATOR, top, compile_into)
 
 
 def _compile(

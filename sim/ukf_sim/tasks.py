@@ -47,7 +47,8 @@ def run_scenario(
         the run, or None; ``words_compared``; ``x``, the estimates, and ``last_x``, the one that
         could be read at the end; ``nis``, NaN where nothing was sampled, and ``gated`` of each
         step; ``P``; ``first_cycles``, of INIT, and ``cycles`` of the steps of each iteration;
-        ``traffic`` in words and ``clocks`` of each iteration; ``seconds``.
+        ``traffic`` in words and ``clocks`` of each iteration; ``seconds`` of time
+        and ``cpu_seconds`` of the processor.
     """
     scenario = make(steps)
     bus = context.lockstep
@@ -61,14 +62,14 @@ def run_scenario(
     result: dict[str, Any] = {
         "mismatch": None, "stopped": None, "last_x": None, "P": None, "first_cycles": {},
     }  # fmt: skip
-    started = time.perf_counter()
+    started = _now()
     try:
         driver = context.driver()
         try:
             ukf = scenario.filter(driver)
             result["first_cycles"] = dict(driver.last_cycles)
             bus.verify()
-            started = time.perf_counter()
+            started = _now()
             before = (driver.traffic, bench.clock, bench.bus_clocks, bench.words)
             driver.last_cycles.clear()
             for k in iterate(ukf, scenario, steps):
@@ -87,16 +88,16 @@ def run_scenario(
                 context.report(k + 1)
                 before = (driver.traffic, bench.clock, bench.bus_clocks, bench.words)
                 driver.last_cycles.clear()
-            result["seconds"] = time.perf_counter() - started
+            result |= _passed(started)
             result["P"] = ukf.P
         except StepError as error:
             result["stopped"] = describe(error, len(x))
-            result["seconds"] = time.perf_counter() - started
+            result |= _passed(started)
         result["last_x"] = driver.state()
         bus.verify()
     except MismatchError as error:
         result["mismatch"] = str(error)
-        result["seconds"] = time.perf_counter() - started
+        result |= _passed(started)
     return result | {
         "words_compared": bus.words_compared,
         "x": np.array(x).reshape(-1, scenario.params.n),
@@ -106,3 +107,14 @@ def run_scenario(
         "traffic": traffic,
         "clocks": clocks,
     }
+
+
+def _now() -> tuple[float, float]:
+    """Time, and time of the processor, in seconds."""
+    return time.perf_counter(), time.process_time()
+
+
+def _passed(since: tuple[float, float]) -> dict[str, float]:
+    """What has passed since then."""
+    now = _now()
+    return {"seconds": now[0] - since[0], "cpu_seconds": now[1] - since[1]}

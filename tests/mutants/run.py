@@ -23,6 +23,7 @@ CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
 DESIGN_SPACE = "tests/system/test_design_space.py"
+C_DRIVER = "tests/system/test_c_driver.py"
 
 
 @dataclass(frozen=True)
@@ -207,6 +208,50 @@ MUTANTS = [
         "tests/hdl/test_axi4_lite.py",
     ),
     Mutant(
+        "C driver: subnormal numbers are rounded to the grid of binary32", "sw/c/ukf_driver.c",
+        "fabs(value) < 0x1p-126 - 0x1p-151", "fabs(value) < 0x1p-150",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: the mask is written at every update", "sw/c/ukf_driver.c",
+        "driver->mask_known = result == UKF_OK;", "driver->mask_known = false;",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a time-out does not reset the core", "sw/c/ukf_driver.c",
+        "    if (result == UKF_OK) {\n        result = ukf_driver_reset(driver);\n    }", "",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a predict that broke off is forgotten", "sw/c/ukf_driver.c",
+        "    driver->overwritten = true;\n", "",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a gated update uses up the prediction", "sw/c/ukf_filter.c",
+        "if (result == UKF_OK && !ukf->gated) {", "if (result == UKF_OK) {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: angles of z are not wrapped", "sw/c/ukf_filter.c",
+        "if ((models->observation_angles & used) >> i & 1u) {", "if (i > UKF_MAX_SIZE) {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: going back keeps the points of the future", "sw/c/ukf_filter.c",
+        "    enum ukf_result result;\n\n    ukf->transformed = false;\n"
+        "    result = ukf_driver_reset(&ukf->driver);",
+        "    enum ukf_result result;\n\n    result = ukf_driver_reset(&ukf->driver);",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C nanosatellite: a product is summed in another order",
+        "sw/c/apps/nanosat/nanosat.c",
+        "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
+        "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
+        C_DRIVER,
+    ),
+    Mutant(
         "bus of a board: the interrupt is not enabled again", "sw/ukf_sw/uio.py",
         "os.write(self._events, _ENABLE)", "pass",
         "tests/sw/test_boards.py",
@@ -223,8 +268,8 @@ MUTANTS = [
         "tests/system/test_package.py -k scripts_make",
     ),
     Mutant(
-        "packaging: another interrupt in the device tree", "hdl/ukf_hdl/packaging/package.py",
-        "_INTERRUPT = 61 - 32", "_INTERRUPT = 61",
+        "another interrupt in the device tree", "hdl/ukf_hdl/interfaces/device_tree.py",
+        "interrupts = <0 {interrupt - FIRST_SHARED} 4>;", "interrupts = <0 {interrupt} 4>;",
         "tests/system/test_package.py -k device_tree",
     ),
     Mutant(

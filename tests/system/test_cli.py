@@ -97,10 +97,20 @@ def test_covariance_form_is_fast_enough(ukf, pes, limit):
 
 def test_generate(ukf, tmp_path):
     record = json.loads(ukf("generate", *TINY, "--output", "rtl", "--json").stdout)
-    assert sorted(record["files"]) == [f"rtl/ukf_core.{kind}" for kind in ("h", "json", "v")]
+    assert sorted(record["files"]) == [
+        *(f"rtl/ukf_core.{kind}" for kind in ("dtso", "h", "json", "md", "svd", "v")),
+        "rtl/ukf_registers.h",
+    ]
     described = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
     assert described["parameters"]["n"] == 2
     assert "module ukf_core" in (tmp_path / "rtl" / "ukf_core.v").read_text()
+
+
+def test_generate_takes_the_place_in_the_system(ukf, tmp_path):
+    ukf("generate", *TINY, "--base-address", "0x40000000", "--interrupt", 84, "--output", "rtl")
+    overlay = (tmp_path / "rtl" / "ukf_core.dtso").read_text()
+    assert "ukf_core@40000000" in overlay
+    assert "interrupts = <0 52 4>" in overlay
 
 
 def test_generate_is_reproducible(ukf, tmp_path):

@@ -7,7 +7,7 @@ file, ``settings.tcl``, which has it from the core itself.
 from importlib.resources import files
 from pathlib import Path
 
-from ukf_hdl.generate import NAME, VIVADO_ATTRIBUTES, generate
+from ukf_hdl.generate import BASE_ADDRESS, NAME, VIVADO_ATTRIBUTES, generate
 from ukf_hdl.packaging.boards import Board
 from ukf_sw import __version__
 from ukf_sw.memory_map import MemoryMap
@@ -16,14 +16,12 @@ from ukf_sw.parameters import Pipeline, UkfParams
 __all__ = ["BASE", "CLOCK_MHZ", "SCRIPTS", "package"]
 
 #: Physical address of the core: in the window of the processor's port M_AXI_GP0.
-BASE = 0x43C0_0000
+BASE = BASE_ADDRESS
 #: Clock of the core; the estimates of resources and delays are for this one.
 CLOCK_MHZ = 100
 SCRIPTS = ("package_ip.tcl", "block_design.tcl", "build.tcl")
 DESIGN = "ukf_system"
 _BUS, _BLOCK = "s_axi", "reg0"
-#: Shared peripheral interrupt of IRQ_F2P[0] is 61; the device tree counts from 32.
-_INTERRUPT = 61 - 32
 #: Smallest segment of Vivado's address editor, and page of Linux.
 _PAGE = 4096
 
@@ -84,26 +82,6 @@ def _constraints() -> str:
     )
 
 
-def _device_tree(params: UkfParams) -> str:
-    return f"""\
-// Device tree overlay: makes /dev/uioN of the core, with its interrupt. Generated, do not edit.
-/dts-v1/;
-/plugin/;
-
-&amba {{
-\t#address-cells = <1>;
-\t#size-cells = <1>;
-
-\t{NAME}@{BASE:x} {{
-\t\tcompatible = "generic-uio";
-\t\treg = <{BASE:#x} {address_range(params):#x}>;
-\t\tinterrupt-parent = <&intc>;
-\t\tinterrupts = <0 {_INTERRUPT} 4>;
-\t}};
-}};
-"""
-
-
 def package(
     params: UkfParams, pipeline: Pipeline | None, board: Board, output: Path, *, engine=None
 ) -> list[Path]:
@@ -133,7 +111,6 @@ def package(
         scripts / "settings.tcl": _settings(params, board),
         **{scripts / name: (sources / name).read_text(encoding="utf-8") for name in SCRIPTS},
         scripts / f"{NAME}_ooc.xdc": _constraints(),
-        output / f"{NAME}.dtso": _device_tree(params),
     }
     for path, text in contents.items():
         path.write_text(text, encoding="utf-8")

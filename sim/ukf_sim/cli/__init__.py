@@ -4,6 +4,7 @@ import typer
 
 from ukf_sim.cli.apps import apps_app
 from ukf_sim.cli.baseline import baseline
+from ukf_sim.cli.c_software import c_arm, c_loop, export
 from ukf_sim.cli.core import generate, latency
 from ukf_sim.cli.cosim import cosim
 from ukf_sim.cli.estimates import resources, timing
@@ -23,9 +24,22 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
-for command in (generate, latency, resources, timing, sweep, report, cosim, run, new):
-    app.command()(command)
-for command in (package, baseline):
+for command in (
+    generate,
+    latency,
+    cosim,
+    run,
+    new,
+    resources,
+    timing,
+    sweep,
+    report,
+    package,
+    export,
+    c_loop,
+    c_arm,
+    baseline,
+):
     app.command()(command)
 app.command("testbench")(write_testbench)
 app.add_typer(apps_app)

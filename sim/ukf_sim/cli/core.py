@@ -6,10 +6,18 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from ukf_sim.cli.console import JsonOption, fail, print_json, progress_bars, results
+from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
 from ukf_sim.cli.options import Core, with_core
 
 __all__ = ["generate", "latency"]
+
+
+def _address(text: str) -> int:
+    """Read a number, decimal or as 0x..."""
+    try:
+        return int(text, 0)
+    except ValueError as error:
+        raise ValueError(f"--base-address must be a number, as 0x43c00000, not {text!r}") from error
 
 
 @with_core
@@ -18,17 +26,34 @@ def generate(
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/rtl"
     ),
+    base_address: Annotated[
+        str,
+        typer.Option(
+            "--base-address", metavar="ADDRESS", help="Of the core in the system, in bytes."
+        ),
+    ] = "0x43c00000",
+    interrupt: Annotated[
+        int, typer.Option("--interrupt", help="Number at the interrupt controller.")
+    ] = 61,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the core: Verilog, register map as JSON, C header. Equal inputs give equal bytes."""
+    """Write the core: Verilog, register map as JSON, C headers, CMSIS-SVD, device tree, Markdown.
+
+    Equal inputs give equal bytes.
+    """
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
     from ukf_hdl.generate import generate as write
 
+    with checked():
+        address = _address(base_address)
     with progress_bars(counted=False) as bars:
         bars.add_task("Generating", total=None)
         try:
-            files = write(core.params, core.pipeline, output)
+            with checked():
+                files = write(
+                    core.params, core.pipeline, output, base_address=address, interrupt=interrupt
+                )
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     if as_json:

@@ -1,0 +1,162 @@
+#include "nanosat.h"
+
+#include <math.h>
+#include <stddef.h>
+
+#include "ukf_core.h"
+
+_Static_assert(UKF_N == NANOSAT_STATES, "the core must be generated for 7 states");
+_Static_assert(UKF_M == NANOSAT_OBSERVATIONS, "the core must be generated for 6 observations");
+_Static_assert(UKF_Q == NANOSAT_STATES, "the core must be generated for 7 process noise terms");
+_Static_assert(UKF_R == NANOSAT_OBSERVATIONS, "the core must have 6 observation noise terms");
+
+bool nanosat_process(void *context, const ukf_real *x, const ukf_real *w, const void *input,
+                     ukf_real *next)
+{
+    const struct nanosat *nanosat = context;
+    const ukf_real *u = input;
+    const ukf_real dt = nanosat->dt;
+    const ukf_real half = dt / 2;
+    const ukf_real q1 = x[0], q2 = x[1], q3 = x[2], q0 = x[3];
+    const ukf_real r1 = u[0] - x[4], r2 = u[1] - x[5], r3 = u[2] - x[6];
+
+    for (uint32_t i = 0; i < NANOSAT_STATES; i++) {
+        next[i] = x[i] + dt * w[i];
+    }
+    next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);
+    next[1] += half * (q0 * r2 + q3 * r1 - q1 * r3);
+    next[2] += half * (q0 * r3 + q1 * r2 - q2 * r1);
+    next[3] -= half * (q1 * r1 + q2 * r2 + q3 * r3);
+    return true;
+}
+
+bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+{
+    const ukf_real q1 = x[0], q2 = x[1], q3 = x[2], q0 = x[3];
+    const ukf_real s1 = q1 * q1, s2 = q2 * q2, s3 = q3 * q3, s0 = q0 * q0;
+
+    (void)context;
+    z[0] = v[0] + 2 * (q0 * q2 + q1 * q3);
+    z[1] = v[1] + 2 * (q2 * q3 - q0 * q1);
+    z[2] = v[2] + (s0 - s1 - s2 + s3);
+    z[3] = v[3] + (s0 + s1 - s2 - s3);
+    z[4] = v[4] + 2 * (q1 * q2 + q0 * q3);
+    z[5] = v[5] + 2 * (q1 * q3 - q0 * q2);
+    return true;
+}
+
+/** Numbers of a scenario in the type of the filter. */
+static void convert(const double *from, uint32_t count, ukf_real *to)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        to[i] = (ukf_real)from[i];
+    }
+}
+
+static enum ukf_result start(struct ukf *ukf, const struct ukf_scenario *scenario)
+{
+    ukf_real x[NANOSAT_STATES];
+    ukf_real P[NANOSAT_STATES * NANOSAT_STATES];
+    ukf_real Q[NANOSAT_STATES * NANOSAT_STATES];
+    ukf_real R[NANOSAT_OBSERVATIONS * NANOSAT_OBSERVATIONS];
+
+    convert(scenario->x0, NANOSAT_STATES, x);
+    convert(scenario->P0, NANOSAT_STATES * NANOSAT_STATES, P);
+    convert(scenario->Q, NANOSAT_STATES * NANOSAT_STATES, Q);
+    convert(scenario->R, NANOSAT_OBSERVATIONS * NANOSAT_OBSERVATIONS, R);
+    return ukf_start(ukf, x, P, Q, R);
+}
+
+/** One step: predict, update, and read the estimate. */
+static enum ukf_result iterate(struct ukf *ukf, const struct ukf_scenario *scenario, uint32_t k,
+                               ukf_real *x)
+{
+    ukf_real u[NANOSAT_INPUTS];
+    ukf_real z[NANOSAT_OBSERVATIONS];
+    enum ukf_result result;
+
+    convert(&scenario->input[k * NANOSAT_INPUTS], NANOSAT_INPUTS, u);
+    convert(&scenario->measurement[k * NANOSAT_OBSERVATIONS], NANOSAT_OBSERVATIONS, z);
+    result = ukf_predict(ukf, u);
+    if (result == UKF_OK) {
+        result = ukf_update(ukf, z, scenario->sampled[k]);
+    }
+    return result == UKF_OK ? ukf_state(ukf, x) : result;
+}
+
+/** Whether the core has kept the estimate, so that the next sample may come. */
+static bool keeps_estimate(enum ukf_result result)
+{
+    return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
+           result == UKF_NOT_POSITIVE_DEFINITE || result == UKF_BAD_ARGUMENT ||
+           result == UKF_BAD_MODEL;
+}
+
+enum ukf_result nanosat_run(struct nanosat_run *run)
+{
+    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
+    const struct ukf_scenario *scenario = run->scenario;
+    struct nanosat nanosat = {.dt = (ukf_real)scenario->interval};
+    const struct ukf_models models = {
+        .context = &nanosat, .process = nanosat_process, .observe = nanosat_observe};
+    const struct ukf_options options = {
+        .timeout_us = run->timeout_us, .redraw = scenario->redraw};
+    struct ukf ukf;
+    ukf_real x[NANOSAT_STATES];
+    ukf_real saved_x[NANOSAT_STATES];
+    ukf_real saved_L[NANOSAT_STATES * NANOSAT_STATES];
+    bool saved = false;
+    enum ukf_result result;
+
+    run->errors = 0;
+    run->recoveries = 0;
+    run->fault = (struct ukf_fault){0};
+    if (scenario->n != NANOSAT_STATES || scenario->m != NANOSAT_OBSERVATIONS ||
+        scenario->q != NANOSAT_STATES || scenario->r != NANOSAT_OBSERVATIONS ||
+        scenario->inputs != NANOSAT_INPUTS) {
+        return UKF_BAD_ARGUMENT;
+    }
+    result = ukf_open(&ukf, run->core, run->port, &models, &options, work,
+                      (uint32_t)(sizeof work / sizeof work[0]));
+    if (result == UKF_OK) {
+        result = start(&ukf, scenario);
+    }
+    if (result == UKF_OK) {
+        result = ukf_state(&ukf, x);
+    }
+    for (uint32_t k = 0; result == UKF_OK && k < scenario->steps; k++) {
+        struct ukf_record record = {.nis = NAN};
+
+        record.result = iterate(&ukf, scenario, k, x);
+        if (record.result == UKF_OK) {
+            record.nis = scenario->sampled[k] != 0u ? (double)ukf.nis : (double)NAN;
+            record.gated = ukf.gated && scenario->sampled[k] != 0u;
+            if (run->save_interval != 0u && k % run->save_interval == 0u) {
+                record.result = ukf_save(&ukf, saved_x, saved_L);
+                saved = record.result == UKF_OK;
+            }
+        }
+        if (record.result != UKF_OK) {
+            run->errors++;
+            run->fault = ukf.driver.fault;
+            if (!keeps_estimate((enum ukf_result)record.result)) {
+                result = saved ? ukf_restore(&ukf, saved_x, saved_L)
+                               : (enum ukf_result)record.result;
+                run->recoveries += result == UKF_OK;
+            }
+            if (result == UKF_OK) {
+                result = ukf_state(&ukf, x);
+            }
+        }
+        if (run->report != NULL) {
+            run->report(run->report_context, k, x, &record);
+        }
+    }
+    if (result == UKF_OK) {
+        result = ukf_covariance(&ukf, run->P);
+    }
+    if (result != UKF_OK) {
+        run->fault = ukf.driver.fault;
+    }
+    return result;
+}

@@ -1,0 +1,93 @@
+#include "nanosat_files.h"
+
+#include <inttypes.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include "nanosat.h"
+#include "scenario_file.h"
+#include "ukf_core.h"
+
+/** Steps from one saved estimate to the next. */
+#define SAVE_INTERVAL 100u
+
+struct results {
+    FILE *file;
+    bool written;
+};
+
+static void report(void *context, uint32_t step, const ukf_real *x, const struct ukf_record *record)
+{
+    struct results *results = context;
+
+    results->written =
+        results->written && ukf_results_write(results->file, NANOSAT_STATES, x, record);
+    if (record->result != UKF_OK) {
+        (void)fprintf(stderr, "step %" PRIu32 ": %s\n", step,
+                      ukf_result_name((enum ukf_result)record->result));
+    }
+}
+
+static bool write_covariance(FILE *file, const ukf_real *P)
+{
+    for (size_t i = 0; i < NANOSAT_STATES * NANOSAT_STATES; i++) {
+        const double value = (double)P[i];
+
+        if (fwrite(&value, sizeof value, 1, file) != 1) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static void explain(const struct nanosat_run *run, enum ukf_result result)
+{
+    const struct ukf_fault *fault = &run->fault;
+
+    (void)fprintf(stderr,
+                  "%s: step %" PRIu32 ", code %" PRIu32 ", index %" PRIu32 ", address 0x%" PRIx32
+                  ", expected 0x%" PRIx32 ", found 0x%" PRIx32 "\n",
+                  ukf_result_name(result), fault->step, fault->code, fault->index, fault->address,
+                  fault->expected, fault->found);
+}
+
+int nanosat_files(const struct ukf_port *port, const char *scenario_path, const char *results_path,
+                  uint32_t timeout_us)
+{
+    static const struct ukf_core core = UKF_CORE_INITIALISER;
+    struct ukf_scenario scenario;
+    struct results results = {.written = true};
+    struct nanosat_run run = {
+        .core = &core,
+        .port = port,
+        .scenario = &scenario,
+        .timeout_us = timeout_us,
+        .save_interval = SAVE_INTERVAL,
+        .report = report,
+        .report_context = &results,
+    };
+    enum ukf_result result;
+    const char *complaint = ukf_scenario_read(scenario_path, &scenario);
+
+    if (complaint != NULL) {
+        (void)fprintf(stderr, "%s: %s\n", scenario_path, complaint);
+        return 2;
+    }
+    results.file = fopen(results_path, "wb");
+    if (results.file == NULL) {
+        (void)fprintf(stderr, "%s: cannot be written\n", results_path);
+        ukf_scenario_free(&scenario);
+        return 1;
+    }
+    result = nanosat_run(&run);
+    if (result == UKF_OK) {
+        results.written = write_covariance(results.file, run.P) && results.written;
+    } else {
+        explain(&run, result);
+    }
+    results.written = fclose(results.file) == 0 && results.written;
+    (void)printf("%" PRIu32 " steps, %" PRIu32 " errors, %" PRIu32 " recoveries\n", scenario.steps,
+                 run.errors, run.recoveries);
+    ukf_scenario_free(&scenario);
+    return result == UKF_OK && results.written ? 0 : 1;
+}

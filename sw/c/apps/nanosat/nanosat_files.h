@@ -1,0 +1,33 @@
+/**
+ * @file
+ * @brief The nanosatellite from a file of samples to a file of estimates.
+ */
+#ifndef NANOSAT_FILES_H
+#define NANOSAT_FILES_H
+
+#include "ukf_port.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/**
+ * @brief Run a scenario on a core; prints a line about it, or an error.
+ *
+ * The file of results has, for each step, the estimate (7 doubles) and a struct ukf_record, and at
+ * the end the covariance (7 by 7 doubles), if the run came to its end.
+ *
+ * @param port       Way to a core that was generated with the ukf_core.h of this program.
+ * @param scenario   From `ukf export`.
+ * @param results    File to be written.
+ * @param timeout_us How long to wait for a step, in microseconds.
+ * @return Exit code: 0, 1 if the core or a file failed, 2 if the scenario is not one.
+ */
+int nanosat_files(const struct ukf_port *port, const char *scenario, const char *results,
+                  uint32_t timeout_us);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,37 @@
+/**
+ * @file
+ * @brief Parameters and sensor data of a run, as `ukf export` writes them.
+ */
+#ifndef UKF_SCENARIO_H
+#define UKF_SCENARIO_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/** A run. Step k predicts with input k and updates with measurement k. Matrices are row by row. */
+struct ukf_scenario {
+    uint32_t n;        /**< States. */
+    uint32_t m;        /**< Observations. */
+    uint32_t q;        /**< Process noise terms. */
+    uint32_t r;        /**< Observation noise terms. */
+    uint32_t inputs;   /**< Numbers of an input. */
+    uint32_t steps;
+    bool redraw;       /**< See struct ukf_options. */
+    double interval;   /**< Sampling interval, s. */
+    const double *x0;  /**< First estimate, n. */
+    const double *P0;  /**< Its covariance, n by n. */
+    const double *Q;   /**< Covariance of w, q by q. */
+    const double *R;   /**< Covariance of v, r by r. */
+    const double *input;       /**< steps by inputs. */
+    const double *measurement; /**< steps by m; 0 where not sampled. */
+    const uint32_t *sampled;   /**< steps; bit i: observation i was sampled. */
+};
+
+/** What came of a step. */
+struct ukf_record {
+    double nis;      /**< Normalised innovation squared; NaN if nothing was sampled. */
+    uint32_t result; /**< enum ukf_result. */
+    uint32_t gated;  /**< 1 if the update was rejected. */
+};
+
+#endif

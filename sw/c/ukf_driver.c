@@ -1,0 +1,518 @@
+#include "ukf_driver.h"
+
+#include <math.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "ukf_registers.h"
+
+#define EVENTS (UKF_INTERRUPT_PENDING_DONE_MASK | UKF_INTERRUPT_PENDING_ERROR_MASK)
+#define BINARY32_FRACTION 23u
+#define BINARY64_FRACTION 52u
+
+/* The results name the errors of the core by their codes. */
+_Static_assert((unsigned)UKF_ILLEGAL_STEP == UKF_ERROR_CODE_ILLEGAL_STEP, "code 1");
+_Static_assert((unsigned)UKF_NOT_FINITE == UKF_ERROR_CODE_NOT_FINITE, "code 2");
+_Static_assert((unsigned)UKF_SINGULAR_OBSERVATION == UKF_ERROR_CODE_SINGULAR_OBSERVATION, "code 3");
+_Static_assert((unsigned)UKF_NOT_POSITIVE_DEFINITE == UKF_ERROR_CODE_NOT_POSITIVE_DEFINITE,
+               "code 4");
+
+const char *ukf_result_name(enum ukf_result result)
+{
+    static const char *const names[] = {
+        [UKF_OK] = "okay",
+        [UKF_ILLEGAL_STEP] = "illegal step",
+        [UKF_NOT_FINITE] = "not finite",
+        [UKF_SINGULAR_OBSERVATION] = "singular observation",
+        [UKF_NOT_POSITIVE_DEFINITE] = "not positive definite",
+        [UKF_UNKNOWN_ERROR] = "unknown error",
+        [UKF_TIMEOUT] = "time-out",
+        [UKF_STEP_LOST] = "step lost",
+        [UKF_BUS_ERROR] = "bus error",
+        [UKF_WRONG_ID] = "wrong ID",
+        [UKF_WRONG_SIZES] = "wrong sizes",
+        [UKF_WRONG_FORMAT] = "wrong format",
+        [UKF_BAD_ARGUMENT] = "bad argument",
+        [UKF_BAD_MODEL] = "bad model",
+    };
+
+    return (size_t)result < sizeof names / sizeof names[0] ? names[result] : "not a result";
+}
+
+/* Accesses. */
+
+static enum ukf_result refused(struct ukf_driver *driver, uint32_t address)
+{
+    driver->fault = (struct ukf_fault){.address = address};
+    return UKF_BUS_ERROR;
+}
+
+static enum ukf_result get(struct ukf_driver *driver, uint32_t address, uint32_t *word)
+{
+    const struct ukf_port *port = driver->port;
+
+    return port->read(port->context, address, word) ? UKF_OK : refused(driver, address);
+}
+
+static enum ukf_result put(struct ukf_driver *driver, uint32_t address, uint32_t word)
+{
+    const struct ukf_port *port = driver->port;
+
+    return port->write(port->context, address, word) ? UKF_OK : refused(driver, address);
+}
+
+/* Numbers and words. Subnormal numbers are zeros of their sign, and there is one NaN. */
+
+static uint32_t to_binary32(double value)
+{
+    const uint32_t sign = signbit(value) ? UINT32_C(0x80000000) : 0u;
+    uint32_t word;
+    float narrow;
+
+    if (isnan(value)) {
+        return UINT32_C(0x7FC00000);
+    }
+    /* What is below the smallest normal number after rounding to 24 bits, exponent unbounded. */
+    if (fabs(value) < 0x1p-126 - 0x1p-151) {
+        return sign;
+    }
+    narrow = (float)value;
+    memcpy(&word, &narrow, sizeof word);
+    return word;
+}
+
+static double from_binary32(uint32_t word)
+{
+    float narrow;
+
+    if ((word & UINT32_C(0x7F800000)) == 0u) {
+        word &= UINT32_C(0x80000000);
+    }
+    memcpy(&narrow, &word, sizeof narrow);
+    return (double)narrow;
+}
+
+static uint64_t to_binary64(double value)
+{
+    uint64_t word;
+
+    if (isnan(value)) {
+        return UINT64_C(0x7FF8000000000000);
+    }
+    memcpy(&word, &value, sizeof word);
+    return (word & UINT64_C(0x7FF0000000000000)) == 0u ? word & UINT64_C(0x8000000000000000) : word;
+}
+
+static double from_binary64(uint64_t word)
+{
+    double value;
+
+    if ((word & UINT64_C(0x7FF0000000000000)) == 0u) {
+        word &= UINT64_C(0x8000000000000000);
+    }
+    memcpy(&value, &word, sizeof value);
+    return value;
+}
+
+static bool is_double(const struct ukf_driver *driver)
+{
+    return driver->core->fraction_bits == BINARY64_FRACTION;
+}
+
+ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value)
+{
+    return (ukf_real)(is_double(driver) ? from_binary64(to_binary64((double)value))
+                                        : from_binary32(to_binary32((double)value)));
+}
+
+/** Read a number; one of 64 bits has its lower word first. */
+static enum ukf_result get_number(struct ukf_driver *driver, uint32_t address, ukf_real *value)
+{
+    enum ukf_result result;
+    uint32_t low;
+    uint32_t high;
+
+    result = get(driver, address, &low);
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (!is_double(driver)) {
+        *value = (ukf_real)from_binary32(low);
+        return UKF_OK;
+    }
+    result = get(driver, address + 4u, &high);
+    if (result == UKF_OK) {
+        *value = (ukf_real)from_binary64((uint64_t)high << 32 | low);
+    }
+    return result;
+}
+
+static enum ukf_result put_number(struct ukf_driver *driver, uint32_t address, ukf_real value)
+{
+    enum ukf_result result;
+    uint64_t word;
+
+    if (!is_double(driver)) {
+        return put(driver, address, to_binary32((double)value));
+    }
+    word = to_binary64((double)value);
+    result = put(driver, address, (uint32_t)word);
+    return result == UKF_OK ? put(driver, address + 4u, (uint32_t)(word >> 32)) : result;
+}
+
+enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                uint32_t columns, uint32_t stride, ukf_real *values)
+{
+    for (uint32_t i = 0; i < rows; i++) {
+        for (uint32_t j = 0; j < columns; j++) {
+            const uint32_t address =
+                base + i * driver->core->row_stride + j * driver->core->element_bytes;
+            const enum ukf_result result = get_number(driver, address, &values[i * stride + j]);
+
+            if (result != UKF_OK) {
+                return result;
+            }
+        }
+    }
+    return UKF_OK;
+}
+
+enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                 uint32_t columns, uint32_t stride, const ukf_real *values)
+{
+    for (uint32_t i = 0; i < rows; i++) {
+        for (uint32_t j = 0; j < columns; j++) {
+            const uint32_t address =
+                base + i * driver->core->row_stride + j * driver->core->element_bytes;
+            const enum ukf_result result = put_number(driver, address, values[i * stride + j]);
+
+            if (result != UKF_OK) {
+                return result;
+            }
+        }
+    }
+    return UKF_OK;
+}
+
+void ukf_driver_note_write(struct ukf_driver *driver)
+{
+    driver->overwritten = false;
+}
+
+/* What the core is. */
+
+static bool in_range(uint32_t value, uint32_t least, uint32_t most)
+{
+    return least <= value && value <= most;
+}
+
+static bool is_supported(const struct ukf_core *core)
+{
+    const bool single = core->exponent_bits == 8u && core->fraction_bits == BINARY32_FRACTION &&
+                        core->element_bytes == 4u;
+    const bool twice = core->exponent_bits == 11u && core->fraction_bits == BINARY64_FRACTION &&
+                       core->element_bytes == 8u;
+    const uint32_t length = core->n + (core->additive_q ? 0u : core->q) +
+                            (core->additive_r ? 0u : core->r);
+
+    return (single || twice) && in_range(core->n, 1u, UKF_MAX_SIZE) &&
+           in_range(core->m, 1u, UKF_MAX_SIZE) && core->q <= UKF_MAX_SIZE &&
+           core->r <= UKF_MAX_SIZE && core->points == length + 2u;
+}
+
+/** A field that the core must have. */
+struct field {
+    uint32_t offset;
+    uint32_t mask;
+    uint32_t shift;
+    uint32_t value;
+    enum ukf_result error;
+};
+
+#define FIELD(name, item, value, error) \
+    {UKF_##name##_OFFSET, UKF_##name##_##item##_MASK, UKF_##name##_##item##_SHIFT, value, error}
+
+static enum ukf_result check_core(struct ukf_driver *driver)
+{
+    const struct ukf_core *core = driver->core;
+    const struct field fields[] = {
+        FIELD(ID, MAGIC, UKF_ID_MAGIC_VALUE, UKF_WRONG_ID),
+        FIELD(ID, VERSION, UKF_ID_VERSION_VALUE, UKF_WRONG_ID),
+        FIELD(SIZES, N, core->n, UKF_WRONG_SIZES),
+        FIELD(SIZES, Q, core->q, UKF_WRONG_SIZES),
+        FIELD(SIZES, R, core->r, UKF_WRONG_SIZES),
+        FIELD(SIZES, M, core->m, UKF_WRONG_SIZES),
+        FIELD(CONFIG, EXPONENT_BITS, core->exponent_bits, UKF_WRONG_FORMAT),
+        FIELD(CONFIG, FRACTION_BITS, core->fraction_bits, UKF_WRONG_FORMAT),
+        FIELD(CONFIG, COVARIANCE_FORM, core->covariance_form, UKF_WRONG_FORMAT),
+        FIELD(CONFIG, ADDITIVE_Q, core->additive_q, UKF_WRONG_FORMAT),
+        FIELD(CONFIG, ADDITIVE_R, core->additive_r, UKF_WRONG_FORMAT),
+    };
+    uint32_t word = 0;
+
+    for (size_t i = 0; i < sizeof fields / sizeof fields[0]; i++) {
+        const struct field *field = &fields[i];
+        uint32_t found;
+
+        if (i == 0 || fields[i - 1].offset != field->offset) {
+            const enum ukf_result result = get(driver, field->offset, &word);
+
+            if (result != UKF_OK) {
+                return result;
+            }
+        }
+        found = (word & field->mask) >> field->shift;
+        if (found != field->value) {
+            driver->fault = (struct ukf_fault){
+                .address = field->offset, .expected = field->value, .found = found};
+            return field->error;
+        }
+    }
+    /* The last word was CONFIG. */
+    driver->pes = (word & UKF_CONFIG_PES_MASK) >> UKF_CONFIG_PES_SHIFT;
+    return UKF_OK;
+}
+
+enum ukf_result ukf_driver_open(struct ukf_driver *driver, const struct ukf_core *core,
+                                const struct ukf_port *port, uint32_t timeout_us)
+{
+    enum ukf_result result;
+
+    *driver = (struct ukf_driver){.core = core, .port = port, .timeout_us = timeout_us};
+    if (core == NULL || port == NULL || port->read == NULL || port->write == NULL ||
+        port->now_us == NULL || timeout_us == 0u || !is_supported(core)) {
+        return UKF_BAD_ARGUMENT;
+    }
+    result = check_core(driver);
+    return result == UKF_OK ? ukf_driver_reset(driver) : result;
+}
+
+/* Steps. */
+
+enum ukf_result ukf_driver_reset(struct ukf_driver *driver)
+{
+    enum ukf_result result;
+
+    driver->initialised = false;
+    driver->overwritten = false;
+    driver->mask_known = false;
+    result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | UKF_CONTROL_RESET_MASK);
+    if (result == UKF_OK) {
+        result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
+    }
+    if (result == UKF_OK) {
+        result = put(driver, UKF_INTERRUPT_ENABLE_OFFSET, driver->port->wait != NULL ? EVENTS : 0u);
+    }
+    return result;
+}
+
+/** Reset the core because a step does not end. */
+static enum ukf_result give_up(struct ukf_driver *driver, uint32_t step)
+{
+    enum ukf_result result;
+    uint32_t status;
+
+    result = get(driver, UKF_STATUS_OFFSET, &status);
+    if (result == UKF_OK) {
+        result = ukf_driver_reset(driver);
+    }
+    if (result != UKF_OK) {
+        return result;
+    }
+    driver->fault = (struct ukf_fault){
+        .step = step,
+        .state = (status & UKF_STATUS_STATE_MASK) >> UKF_STATUS_STATE_SHIFT,
+    };
+    return UKF_TIMEOUT;
+}
+
+/** Wait until no step runs. */
+static enum ukf_result wait_for(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+{
+    const struct ukf_port *port = driver->port;
+    const uint64_t deadline = port->now_us(port->context) + driver->timeout_us;
+
+    for (;;) {
+        enum ukf_result result;
+        bool late;
+
+        if (port->wait != NULL) {
+            const uint64_t now = port->now_us(port->context);
+
+            if (!port->wait(port->context, now < deadline ? (uint32_t)(deadline - now) : 0u)) {
+                return give_up(driver, step);
+            }
+            result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
+            if (result != UKF_OK) {
+                return result;
+            }
+        }
+        /* The clock is read first: a step that ends while we look is not late. */
+        late = port->now_us(port->context) > deadline;
+        result = get(driver, UKF_STATUS_OFFSET, status);
+        if (result != UKF_OK || (*status & UKF_STATUS_STATE_MASK) == 0u) {
+            return result;
+        }
+        if (late) {
+            return give_up(driver, step);
+        }
+    }
+}
+
+/** Start bit and done bit of a step. */
+static uint32_t bit_of(uint32_t step)
+{
+    _Static_assert(UKF_CONTROL_INIT_MASK == UKF_STATUS_INIT_MASK, "start and done bits");
+    _Static_assert(UKF_CONTROL_COVARIANCE_MASK == UKF_STATUS_COVARIANCE_MASK, "start, done bits");
+    return UKF_CONTROL_INIT_MASK << (step - UKF_STEP_INIT);
+}
+
+/** Run a step. */
+static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+{
+    enum ukf_result result;
+    uint32_t error;
+    uint32_t code;
+
+    result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | bit_of(step));
+    if (result == UKF_OK) {
+        result = wait_for(driver, step, status);
+    }
+    if (result == UKF_OK) {
+        result = get(driver, UKF_ERROR_OFFSET, &error);
+    }
+    if (result != UKF_OK) {
+        return result;
+    }
+    code = (error & UKF_ERROR_CODE_MASK) >> UKF_ERROR_CODE_SHIFT;
+    if (code == UKF_ERROR_CODE_NONE && (*status & bit_of(step)) != 0u) {
+        return UKF_OK;
+    }
+    driver->fault = (struct ukf_fault){
+        .step = step,
+        .code = code,
+        .index = (error & UKF_ERROR_INDEX_MASK) >> UKF_ERROR_INDEX_SHIFT,
+    };
+    if (code == UKF_ERROR_CODE_NONE) {
+        driver->initialised = false;
+        return UKF_STEP_LOST;
+    }
+    return code <= UKF_ERROR_CODE_NOT_POSITIVE_DEFINITE ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
+}
+
+enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
+{
+    enum ukf_result result = UKF_OK;
+    uint32_t status;
+
+    if (!driver->initialised) {
+        result = run(driver, UKF_STEP_INIT, &status);
+        driver->initialised = result == UKF_OK;
+    }
+    return result;
+}
+
+enum ukf_result ukf_driver_generate(struct ukf_driver *driver)
+{
+    enum ukf_result result;
+    uint32_t word;
+
+    result = ukf_driver_initialise(driver);
+    if (result == UKF_OK && driver->overwritten) {
+        /* A predict broke off after writing points, which the core takes for its own. A write to
+         * x, of what it holds, tells it. */
+        result = get(driver, driver->core->state, &word);
+        if (result == UKF_OK) {
+            result = put(driver, driver->core->state, word);
+        }
+        if (result == UKF_OK) {
+            driver->overwritten = false;
+        }
+    }
+    return result == UKF_OK ? run(driver, UKF_STEP_SIG_GEN, &word) : result;
+}
+
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points)
+{
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result;
+    uint32_t status;
+
+    driver->overwritten = true;
+    result = ukf_driver_write(driver, core->state_points, core->n, core->points, core->points,
+                              points);
+    if (result == UKF_OK) {
+        result = run(driver, UKF_STEP_PREDICT, &status);
+    }
+    if (result != UKF_OK) {
+        return result;
+    }
+    driver->overwritten = false;
+    for (uint32_t i = 0; i < core->n * core->points; i++) {
+        points[i] = ukf_driver_round(driver, points[i]);
+    }
+    return UKF_OK;
+}
+
+enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *points,
+                                  const ukf_real *z, uint32_t mask, ukf_real *nis, bool *gated)
+{
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result;
+    uint32_t status = 0;
+
+    result = ukf_driver_initialise(driver);
+    if (result == UKF_OK) {
+        result = ukf_driver_write(driver, core->observation_points, core->m, core->points,
+                                  core->points, points);
+    }
+    if (result == UKF_OK) {
+        result = ukf_driver_write(driver, core->observation, 1u, core->m, core->m, z);
+    }
+    if (result == UKF_OK && !(driver->mask_known && driver->mask == mask)) {
+        result = put(driver, UKF_MASK_OFFSET, mask);
+        driver->mask = mask;
+        driver->mask_known = result == UKF_OK;
+    }
+    if (result == UKF_OK) {
+        result = run(driver, UKF_STEP_UPDATE, &status);
+    }
+    if (result == UKF_OK) {
+        /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
+        _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");
+        result = get_number(driver, UKF_NIS_LOW_OFFSET, nis);
+    }
+    *gated = (status & UKF_STATUS_GATED_MASK) != 0u;
+    return result;
+}
+
+enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
+{
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result;
+    uint32_t status;
+
+    result = ukf_driver_initialise(driver);
+    if (result == UKF_OK) {
+        result = run(driver, UKF_STEP_COVARIANCE, &status);
+    }
+    for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
+        result = ukf_driver_read(driver, core->covariance + i * core->row_stride, 1u, i + 1u,
+                                 core->n, &P[i * core->n]);
+        for (uint32_t j = 0; j < i; j++) {
+            P[j * core->n + i] = P[i * core->n + j];
+        }
+    }
+    return result;
+}
+
+enum ukf_result ukf_driver_gate(struct ukf_driver *driver, ukf_real gate)
+{
+    _Static_assert(UKF_GATE_HIGH_OFFSET == UKF_GATE_LOW_OFFSET + 4u, "the gate is one number");
+    return put_number(driver, UKF_GATE_LOW_OFFSET, gate);
+}
+
+enum ukf_result ukf_driver_cycles(struct ukf_driver *driver, uint32_t *cycles)
+{
+    return get(driver, UKF_CYCLES_OFFSET, cycles);
+}

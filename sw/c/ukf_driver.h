@@ -1,0 +1,175 @@
+/**
+ * @file
+ * @brief Driver of the core: registers, words and steps. ukf_filter.h has the filter above it.
+ *
+ * The sequence of accesses, the checks and the errors are those of the Python driver
+ * (sw/ukf_sw/driver.py). Nothing is allocated and nothing is global: one driver is one struct, and
+ * any number of them, for cores of different sizes, may exist.
+ */
+#ifndef UKF_DRIVER_H
+#define UKF_DRIVER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ukf_port.h"
+#include "ukf_real.h"
+
+/** Largest number of states, observations and noise terms of any core. */
+#define UKF_MAX_SIZE 32u
+
+/** Sizes and addresses of a core: UKF_CORE_INITIALISER of the generated ukf_core.h. */
+struct ukf_core {
+    uint32_t n;      /**< States. */
+    uint32_t m;      /**< Observations. */
+    uint32_t q;      /**< Process noise terms. */
+    uint32_t r;      /**< Observation noise terms. */
+    uint32_t points; /**< Sigma points. */
+    uint32_t exponent_bits;
+    uint32_t fraction_bits;
+    uint32_t covariance_form; /**< 0: square-root form, 1: covariance form. */
+    uint32_t additive_q;      /**< Process noise is additive. */
+    uint32_t additive_r;      /**< Observation noise is additive. */
+    uint32_t element_bytes;   /**< Bytes of a number. */
+    uint32_t row_stride;      /**< Bytes from a row to the next. */
+    /* Base addresses of the regions, in bytes; 0 if there is none. */
+    uint32_t state_points;
+    uint32_t process_noise_points;
+    uint32_t observation_noise_points;
+    uint32_t observation_points;
+    uint32_t observation;
+    uint32_t state;
+    uint32_t factor;
+    uint32_t covariance;
+    uint32_t process_noise_factor;
+    uint32_t observation_noise_factor;
+};
+
+/** What came of a call. 1 to 4 are the values of ERROR.CODE. */
+enum ukf_result {
+    UKF_OK = 0,
+    UKF_ILLEGAL_STEP = 1,          /**< A step was started out of sequence. */
+    UKF_NOT_FINITE = 2,            /**< NaN, infinity or overflow; the estimate stays. */
+    UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of z; it stays. */
+    UKF_NOT_POSITIVE_DEFINITE = 4, /**< P is not, at fault.index, a row of x; it stays. */
+    UKF_UNKNOWN_ERROR,  /**< fault.code is none of these. */
+    UKF_TIMEOUT,        /**< The step did not end in time; the core has been reset. */
+    UKF_STEP_LOST,      /**< Something else reset the core while the step ran. */
+    UKF_BUS_ERROR,      /**< The core refused the access at fault.address. */
+    UKF_WRONG_ID,       /**< ID is not that of a UKF core, or of another version of the map. */
+    UKF_WRONG_SIZES,    /**< n, m, q or r are others. */
+    UKF_WRONG_FORMAT,   /**< Number format, form or kinds of noise are others. */
+    UKF_BAD_ARGUMENT,   /**< An argument is out of range, not finite, or no covariance. */
+    UKF_BAD_MODEL       /**< A model failed or was not finite: fault.point, fault.index. */
+};
+
+/** Name of a result, for messages. */
+const char *ukf_result_name(enum ukf_result result);
+
+/** Details of the last call that did not return UKF_OK; what does not apply is 0. */
+struct ukf_fault {
+    uint32_t step;     /**< UKF_STEP_... */
+    uint32_t code;     /**< ERROR.CODE. */
+    uint32_t index;    /**< ERROR.INDEX; row of the result for UKF_BAD_MODEL. */
+    uint32_t state;    /**< STATUS.STATE when a step was given up: UKF_STEP_... */
+    uint32_t address;  /**< Byte address, of the access or of the register that is wrong. */
+    uint32_t expected; /**< Value of the field that is wrong. */
+    uint32_t found;
+    uint32_t point;    /**< Sigma point. */
+};
+
+/** A driver. Members are for reading. */
+struct ukf_driver {
+    const struct ukf_core *core;
+    const struct ukf_port *port;
+    uint32_t timeout_us;    /**< How long to wait for a step, in microseconds. */
+    uint32_t pes;           /**< Processing elements that the core says it has. */
+    struct ukf_fault fault; /**< Of the last call that failed. */
+    bool initialised;       /**< INIT has succeeded since the last reset. */
+    bool overwritten;       /**< The core takes other numbers for sigma points of its estimate. */
+    bool mask_known;
+    uint32_t mask;          /**< What MASK holds, if that is known. */
+};
+
+/**
+ * @brief Compare the core with its description, then reset and enable it.
+ *
+ * @param driver     To be filled in; any contents.
+ * @param core       What the core should be; must outlive the driver. The number of processing
+ *                   elements does not matter.
+ * @param port       Way to it; must outlive the driver.
+ * @param timeout_us How long to wait for a step, in microseconds, more than 0.
+ * @return UKF_BAD_ARGUMENT for a time-out of 0, a missing function, sizes out of range, or a format
+ *         other than binary32 and binary64; UKF_WRONG_ID, UKF_WRONG_SIZES, UKF_WRONG_FORMAT;
+ *         UKF_BUS_ERROR.
+ */
+enum ukf_result ukf_driver_open(struct ukf_driver *driver, const struct ukf_core *core,
+                                const struct ukf_port *port, uint32_t timeout_us);
+
+/** @brief Reset and enable the core: a running step is dropped, x and its factor stay. */
+enum ukf_result ukf_driver_reset(struct ukf_driver *driver);
+
+/** @brief Run INIT if there was none since the last reset. */
+enum ukf_result ukf_driver_initialise(struct ukf_driver *driver);
+
+/**
+ * @brief Have sigma points of the estimate in the buffer: SIG_GEN, which is free after an UPDATE.
+ *
+ * As all functions that run a step, it returns UKF_OK, one of the core's errors, UKF_TIMEOUT,
+ * UKF_STEP_LOST or UKF_BUS_ERROR.
+ */
+enum ukf_result ukf_driver_generate(struct ukf_driver *driver);
+
+/**
+ * @brief Write transformed sigma points and run PREDICT.
+ * @param points n rows of `core->points` numbers. They come back as the core holds them.
+ */
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points);
+
+/**
+ * @brief Write observations of the sigma points and z, and run UPDATE.
+ * @param points m rows of `core->points` numbers.
+ * @param z      m numbers.
+ * @param mask   Bit i takes observation i.
+ * @param nis    Normalised innovation squared.
+ * @param gated  Whether it exceeded the gate, so that the estimate stays.
+ */
+enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *points,
+                                  const ukf_real *z, uint32_t mask, ukf_real *nis, bool *gated);
+
+/** @brief Run COVARIANCE and read P, n by n: its lower triangle, mirrored. */
+enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P);
+
+/** @brief Write the gate; infinity is off. */
+enum ukf_result ukf_driver_gate(struct ukf_driver *driver, ukf_real gate);
+
+/** @brief Read CYCLES: clocks from start to end of the last step. */
+enum ukf_result ukf_driver_cycles(struct ukf_driver *driver, uint32_t *cycles);
+
+/**
+ * @brief Read the upper left part of a region, row by row.
+ * @param base    Base address of the region, one of those in ukf_core.
+ * @param rows    Rows of the part.
+ * @param columns Columns of the part.
+ * @param stride  Numbers from a row of `values` to the next.
+ * @param values  Where they go.
+ */
+enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                uint32_t columns, uint32_t stride, ukf_real *values);
+
+/**
+ * @brief Write the upper left part of a region, row by row. Arguments as ukf_driver_read().
+ *
+ * A number is rounded to nearest, ties to even; below the smallest normal number it becomes 0.
+ * After writing x or a factor of P, tell the driver with ukf_driver_note_write().
+ */
+enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                 uint32_t columns, uint32_t stride, const ukf_real *values);
+
+/** @brief x or its factor were written: the core knows that its sigma points are outdated. */
+void ukf_driver_note_write(struct ukf_driver *driver);
+
+/** @brief The number as the core of a format holds it. */
+ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value);
+
+#endif

@@ -1,0 +1,301 @@
+"""What software gets about a core: compiled, validated, read back, compared with the maps."""
+
+import re
+import shutil
+import subprocess
+from functools import cache
+from importlib.resources import files
+
+import pytest
+from cmsis_svd.parser import SVDParser
+from lxml import etree
+
+from ukf_hdl.core import UkfCore
+from ukf_hdl.generate import BASE_ADDRESS, INTERRUPT, c_header, generate, interface_files
+from ukf_sim.stub_engine import StubEngine
+from ukf_sw.float_format import BINARY16, BINARY64
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.registers import ID, REGISTERS, Access, ErrorCode, Step
+
+SMALLEST = UkfParams(n=1, m=1)
+NANOSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)
+ADDITIVE = UkfParams(
+    n=3, m=2, q=3, r=2, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+    format=BINARY64, form=Form.COVARIANCE, W0=0.25,
+)  # fmt: skip
+CONFIGURATIONS = [
+    pytest.param(SMALLEST, id="smallest"),
+    pytest.param(NANOSAT, id="nanosat"),
+    pytest.param(ADDITIVE, id="double"),
+    pytest.param(UkfParams(n=2, m=3, format=BINARY16), id="half"),
+]
+
+needs_cc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+
+
+@cache
+def texts(params, **place):
+    return interface_files(UkfCore(params, engine=StubEngine(params)), **place)
+
+
+def write(params, folder):
+    for name, text in texts(params).items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+# C headers.
+
+
+def macros(*headers):
+    return {
+        name: int(value.removesuffix("u"), 0)
+        for header in headers
+        for name, value in re.findall(r"^#define (UKF_\w+) (\w+)$", header, re.MULTILINE)
+    }
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_headers_say_what_the_maps_say(params):
+    headers = [texts(params)[name] for name in ("ukf_core.h", "ukf_registers.h")]
+    found = macros(*headers)
+    # Two guards have no value, and the initialiser has more than one.
+    assert len(found) == sum(header.count("#define UKF_") for header in headers) - 3, "twice"
+    for register in REGISTERS:
+        assert found[f"UKF_{register.name}_OFFSET"] == register.offset
+        for field in register:
+            assert found[f"UKF_{register.name}_{field.name}_SHIFT"] == field.lsb
+            assert found[f"UKF_{register.name}_{field.name}_MASK"] == field.mask
+    for field in ID:
+        assert found[f"UKF_ID_{field.name}_VALUE"] == field.reset
+    memory_map = MemoryMap(params)
+    for region in memory_map:
+        stem = f"UKF_{region.name.upper()}"
+        assert found[f"{stem}_BASE"] == memory_map.address(region.symbol, 0, 0)
+        assert (found[f"{stem}_ROWS"], found[f"{stem}_COLUMNS"]) == (region.rows, region.columns)
+    for step in Step:
+        assert found[f"UKF_STEP_{step.name}"] == step
+    for code in ErrorCode:
+        assert found[f"UKF_ERROR_CODE_{code.name}"] == code
+    assert found["UKF_ROW_STRIDE"] == memory_map.row_stride
+    assert found["UKF_ELEMENT_BYTES"] == memory_map.element_bytes
+
+
+def test_registers_are_those_of_all_cores():
+    assert texts(SMALLEST)["ukf_registers.h"] == texts(NANOSAT)["ukf_registers.h"]
+    assert c_header(UkfCore(SMALLEST)) == texts(SMALLEST)["ukf_core.h"]
+
+
+def compile_c(folder, source, standard):
+    (folder / "main.c").write_text(source, encoding="utf-8")
+    return subprocess.run(
+        ["gcc", f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "main.c"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@needs_cc
+@pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
+def test_headers_compile(standard, tmp_path):
+    write(NANOSAT, tmp_path)
+    names = macros(*(path.read_text() for path in tmp_path.glob("*.h")))
+    uses = "\n".join(f"    sum += {name};" for name in names)
+    result = compile_c(
+        tmp_path,
+        '#include "ukf_core.h"\n#include "ukf_core.h"\n#include "ukf_registers.h"\n'
+        "int main(void)\n{\n    unsigned long sum = sizeof(struct ukf_registers);\n"
+        f"{uses}\n    return sum == 0;\n}}\n",
+        standard,
+    )
+    assert result.returncode == 0, result.stderr
+
+
+@needs_cc
+def test_a_register_at_another_offset_does_not_compile(tmp_path):
+    write(SMALLEST, tmp_path)
+    header = tmp_path / "ukf_registers.h"
+    text = header.read_text()
+    assert text.count("#define UKF_MASK_OFFSET 0x24u") == 1
+    header.write_text(text.replace("#define UKF_MASK_OFFSET 0x24u", "#define UKF_MASK_OFFSET 0x2u"))
+    result = compile_c(
+        tmp_path, '#include "ukf_registers.h"\nint main(void) { return 0; }\n', "c11"
+    )
+    assert "offset of MASK" in result.stderr
+
+
+# CMSIS-SVD.
+
+
+@pytest.fixture(scope="module")
+def schema():
+    """Schema of CMSIS-SVD 1.3, of the package cmsis-svd."""
+    folder = files("cmsis_svd") / "schemas"
+    return etree.XMLSchema(etree.fromstring((folder / "CMSIS-SVD_1_3_9.xsd").read_bytes()))
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_svd_is_valid_and_says_what_the_map_says(params, schema, tmp_path):
+    text = texts(params)["ukf_core.svd"].encode()
+    schema.assertValid(etree.fromstring(text))
+    (tmp_path / "core.svd").write_bytes(text)
+    device = SVDParser.for_xml_file(str(tmp_path / "core.svd")).get_device()
+    (peripheral,) = device.peripherals
+    assert peripheral.base_address == BASE_ADDRESS
+    assert [interrupt.value for interrupt in peripheral.interrupts] == [INTERRUPT]
+    blocks = [(block.offset, block.offset + block.size) for block in peripheral.address_blocks]
+    memory_map = MemoryMap(params)
+    assert blocks == [
+        (0, memory_map.region_stride),
+        (memory_map.region_stride, 1 << memory_map.address_width),
+    ]
+    access = {
+        Access.RO: ("read-only", None),
+        Access.RW: ("read-write", "modify"),
+        Access.W1S: ("write-only", "oneToSet"),
+        Access.RW1C: ("read-write", "oneToClear"),
+    }
+    found = {register.name: register for register in peripheral.registers}
+    assert set(found) == {register.name for register in REGISTERS}
+    for register in REGISTERS:
+        assert found[register.name].address_offset == register.offset
+        assert found[register.name].size == 32
+        fields = {field.name: field for field in found[register.name].fields}
+        assert set(fields) == {field.name for field in register}
+        for field in register:
+            other = fields[field.name]
+            assert (other.bit_offset, other.bit_width) == (field.lsb, field.width)
+            assert other.description == field.doc
+            assert (other.access.value, getattr(other.modified_write_values, "value", None)) == (
+                access[field.access]
+            )
+    sizes = found["SIZES"].reset_value
+    assert sizes == params.n | params.q << 8 | params.r << 16 | params.m << 24
+    states = next(field for field in found["STATUS"].fields if field.name == "STATE")
+    (values,) = states.enumerated_values
+    assert {value.name: value.value for value in values.enumerated_values} == {
+        step.name: int(step) for step in Step
+    }
+
+
+def test_the_schema_refuses_what_is_wrong(schema):
+    text = texts(SMALLEST)["ukf_core.svd"]
+    assert "read-only" in text
+    broken = etree.fromstring(text.replace("read-only", "read-sometimes").encode())
+    assert not schema.validate(broken)
+
+
+# Device tree.
+
+BASE = """\
+/dts-v1/;
+/ {
+	#address-cells = <1>;
+	#size-cells = <1>;
+	amba: axi {
+		compatible = "simple-bus";
+		#address-cells = <1>;
+		#size-cells = <1>;
+		ranges;
+		intc: interrupt-controller@f8f01000 {
+			compatible = "arm,cortex-a9-gic";
+			reg = <0xf8f01000 0x1000>;
+			interrupt-controller;
+			#interrupt-cells = <3>;
+		};
+		clkc: clkc@f8000100 {
+			compatible = "xlnx,ps7-clkc";
+			reg = <0xf8000100 0x100>;
+			#clock-cells = <1>;
+		};
+	};
+};
+"""
+
+
+def run(*command):
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+
+@pytest.mark.skipif(
+    shutil.which("dtc") is None or shutil.which("fdtoverlay") is None,
+    reason="device-tree-compiler is not installed",
+)
+@pytest.mark.parametrize(
+    "params", [NANOSAT, UkfParams(n=32, m=32, q=32, r=32)], ids=["page", "big"]
+)
+def test_the_overlay_applies_to_a_zynq(params, tmp_path):
+    (tmp_path / "base.dts").write_text(BASE)
+    (tmp_path / "core.dtso").write_text(texts(params)["ukf_core.dtso"])
+    for name in ("base.dts", "core.dtso"):
+        stderr = subprocess.run(
+            ["dtc", "-@", "-I", "dts", "-O", "dtb", "-o", f"{name}.dtb", name],
+            cwd=tmp_path, capture_output=True, text=True, check=True,
+        ).stderr  # fmt: skip
+        assert "rror" not in stderr
+    merged = str(tmp_path / "merged.dtb")
+    run("fdtoverlay", "-i", str(tmp_path / "base.dts.dtb"), "-o", merged,
+        str(tmp_path / "core.dtso.dtb"))  # fmt: skip
+    node = f"/axi/ukf_core@{BASE_ADDRESS:x}"
+    size = max(1 << MemoryMap(params).address_width, 4096)
+    assert run("fdtget", "-t", "x", merged, node, "reg") == [f"{BASE_ADDRESS:x}", f"{size:x}"]
+    assert run("fdtget", "-t", "u", merged, node, "interrupts") == ["0", str(INTERRUPT - 32), "4"]
+    assert run("fdtget", merged, node, "compatible")[-1] == "generic-uio"
+    controller = run("fdtget", merged, "/axi/interrupt-controller@f8f01000", "phandle")
+    assert run("fdtget", merged, node, "interrupt-parent") == controller
+
+
+PAGES = "base_address must be a multiple of 0x1000 of 32 bits, not {}"
+SHARED = "interrupt must be between 32 and 1019, not {}"
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ({"base_address": 0x43C0_0004}, PAGES.format("0x43c00004")),
+        ({"base_address": 1 << 32}, PAGES.format("0x100000000")),
+        ({"interrupt": 31}, SHARED.format(31)),
+        ({"interrupt": 1020}, SHARED.format(1020)),
+    ],
+)
+def test_the_place_in_the_system_is_checked(place, message, tmp_path):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        generate(SMALLEST, Pipeline(), tmp_path / "core", engine=StubEngine(SMALLEST), **place)
+    assert not (tmp_path / "core").exists()
+
+
+def test_the_place_in_the_system_is_in_the_files():
+    found = texts(SMALLEST, base_address=0x4000_0000, interrupt=84)
+    assert "reg = <0x40000000 " in found["ukf_core.dtso"]
+    assert "interrupts = <0 52 4>;" in found["ukf_core.dtso"]
+    assert "<baseAddress>0x40000000</baseAddress>" in found["ukf_core.svd"]
+    assert "<value>84</value>" in found["ukf_core.svd"]
+
+
+# Documentation.
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_the_page_has_every_field_and_region(params):
+    page = texts(params)["ukf_core.md"]
+    rows = [
+        [cell.strip().strip("`") for cell in line.strip("|").split("|")]
+        for line in page.splitlines()
+        if line.startswith("| `")
+    ]
+    fields = [
+        [f"{register.offset:#04x}", register.name, field.name, field.access.value, field.doc]
+        for register in REGISTERS
+        for field in register
+    ]
+    assert sorted([row[0], row[1], *row[3:5], row[6]] for row in rows if len(row) == 7) == sorted(
+        fields
+    )
+    memory_map = MemoryMap(params)
+    assert [row for row in rows if len(row) == 4] == [
+        [
+            f"{memory_map.address(region.symbol, 0, 0):#06x}", region.symbol,
+            f"{region.rows} x {region.columns}", region.doc,
+        ]
+        for region in memory_map
+    ]  # fmt: skip
+    assert ["0x04", "SIZES", "7:0", "N", "ro", hex(params.n), "States, n."] in rows

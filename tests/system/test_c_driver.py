@@ -1,0 +1,653 @@
+"""The C driver and filter against the Python ones, access by access, and all their return codes."""
+
+import ctypes
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ukf_sim.c_software.binding import CFilter, CFilterError, Result, compile_library
+from ukf_sim.c_software.compiler import Toolchain
+from ukf_sw.driver import Driver
+from ukf_sw.errors import BusError
+from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.float_format import BINARY32, BINARY64
+from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.memory_map import MemoryMap
+from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.reference import lower_factor
+from ukf_sw.registers import (
+    CONFIG,
+    CONTROL,
+    ERROR,
+    ID,
+    SIZES,
+    STATUS,
+    ErrorCode,
+    Step,
+)
+from ukf_sw.systems.nanosat import NANOSAT, nanosat
+
+pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
+
+AUGMENTED = UkfParams(n=3, m=2, q=2, r=2)
+MIXED = UkfParams(n=3, m=2, q=3, r=2, process_noise=Noise.ADDITIVE, format=BINARY64)
+COVARIANCE = UkfParams(n=3, m=2, q=3, r=2, form=Form.COVARIANCE)
+SMALLEST = UkfParams(n=1, m=1)
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Function that gives the library of a core, compiled once."""
+
+    @cache
+    def get(params):
+        return compile_library(params, tmp_path_factory.mktemp("c"), application=params == NANOSAT)
+
+    return get
+
+
+class NotingBus:
+    """A bus that notes every access, and can be told to lie, to refuse, and to break."""
+
+    def __init__(self, core):
+        self.core = core
+        self.bus = GoldenBus(core)
+        self.log = []
+        self.lies = {}
+        self.refuse = None
+        self.on_write = None
+
+    def read(self, address):
+        if address == self.refuse:
+            raise BusError(address, "read")
+        word = self.lies.get(address, self.bus.read(address))
+        self.log.append(("read", address, word))
+        return word
+
+    def write(self, address, word):
+        if address == self.refuse:
+            raise BusError(address, "write")
+        self.log.append(("write", address, word))
+        self.bus.write(address, word)
+        if self.on_write is not None:
+            self.on_write(address, word)
+
+
+class Clock:
+    """Time that passes by looking at it, a millisecond a look."""
+
+    def __init__(self):
+        self.time = 0.0
+
+    def __call__(self):
+        self.time += 1e-3
+        return self.time
+
+
+def f(x, w, u):
+    """A process that uses all it gets; state 0 is an angle that turns."""
+    following = [value + 0.1 * np.sin(value) + u for value in x]
+    for i, noise in enumerate(w):
+        following[i % len(x)] += (1.0 + 0.1 * x[0]) * noise
+    following[0] += 1.0
+    return following
+
+
+def h(x, v):
+    return [x[i % len(x)] * 0.5 + (v[i] if i < len(v) else 0.0) for i in range(2)]
+
+
+def h1(x, v):
+    return [x[0]]
+
+
+def problem(params):
+    n = params.n
+    rng = np.random.default_rng(3)
+    # In binary64 a factor shows the order of summation, unless it is that of a diagonal matrix.
+    A = np.eye(n) if params.format == BINARY64 else rng.standard_normal((n, n))
+    return {
+        "x0": rng.standard_normal(n),
+        "P0": A @ A.T + np.eye(n),
+        "Q": 0.01 * np.eye(params.q) if params.q else None,
+        "R": 0.04 * np.eye(params.r) if params.r else None,
+    }
+
+
+def start(library, params, *, bus=None, core=None, observe=None, **options):
+    """Open and start a C filter on a golden model."""
+    bus = bus or NotingBus(core or GoldenCore(params))
+    ukf = CFilter(
+        library(params), bus, params, f, observe or (h1 if params.m == 1 else h), **options
+    )
+    data = problem(params)
+    ukf.start(data["x0"], data["P0"], data["Q"], data["R"])
+    return ukf, bus
+
+
+def both(library, params, *, interrupt=False, **angles):
+    """A C filter and a Python filter, each with a golden model of its own."""
+    buses = [NotingBus(GoldenCore(params)) for _ in range(2)]
+    waits = [bus.bus.wait_for_interrupt if interrupt else None for bus in buses]
+    observe = h1 if params.m == 1 else h
+    c = CFilter(library(params), buses[0], params, f, observe, interrupt=waits[0], **angles)
+    driver = Driver(buses[1], params, interrupt=waits[1])
+    data = problem(params)
+    python = UnscentedKalmanFilter(
+        f, observe, params, **data, backend=driver, redraw=False, **angles
+    )
+    c.start(data["x0"], data["P0"], data["Q"], data["R"])
+    return c, python, *buses
+
+
+def same(c, python):
+    """Whether the estimates are equal, bit for bit."""
+    python._last_x = None  # so that both read it
+    return c.x.tobytes() == python.x.tobytes()
+
+
+@pytest.mark.parametrize("interrupt", [False, True], ids=["polling", "interrupt"])
+@pytest.mark.parametrize(
+    "params", [AUGMENTED, MIXED, COVARIANCE], ids=["augmented", "mixed", "covariance"]
+)
+def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
+    """Sequence, addresses, words: predict, update, masks, gate, settings."""
+    c, python, c_bus, python_bus = both(
+        library, params, interrupt=interrupt, state_angles=(0,), observation_angles=(0,)
+    )
+    rng = np.random.default_rng(7)
+    gated = 0
+    for k in range(24):
+        u = float(rng.standard_normal())
+        c.predict(u)
+        python.predict(u)
+        z = 3.0 * rng.standard_normal(params.m)
+        mask = rng.random(params.m) < 0.8
+        z[~mask] = np.nan
+        gate = 0.5 if k % 6 == 3 else np.inf
+        python.gate = gate
+        c.set_gate(gate)
+        assert c.update(z, mask) == python.update(z, mask)
+        assert c.gated == python.gated
+        if python.nis is not None:
+            assert c.nis == python.nis
+        gated += python.gated
+        if k % 4 == 1:  # an update may follow an update
+            python.update(np.ones(params.m))
+            c.update(np.ones(params.m))
+        if k % 5 == 2:
+            python.x = c_x = rng.standard_normal(params.n)
+            c.x = c_x
+        if k % 7 == 3:
+            python.P = P = problem(params)["P0"] * (1.0 + 0.1 * k)
+            c.P = P
+        if k == 11 and params.q:
+            python.Q = Q = 0.02 * np.eye(params.q)
+            c.set_noise(Q, problem(params)["R"])
+        assert same(c, python)
+        if k % 6 == 5:
+            python._last_P = None
+            assert c.P.tobytes() == python.P.tobytes()
+    assert gated > 1
+    assert len(c_bus.log) > 500
+    assert c_bus.log == python_bus.log
+    assert not c.exceptions
+
+
+def test_redrawing_gives_the_same_estimates(library):
+    """Here the accesses differ: Python also reads the points when it redraws."""
+    bus = NotingBus(GoldenCore(MIXED))
+    c, _ = start(library, MIXED, bus=bus, redraw=True)
+    data = problem(MIXED)
+    python = UnscentedKalmanFilter(f, h, MIXED, **data, backend="golden")
+    plain = UnscentedKalmanFilter(f, h, MIXED, **data, backend="golden", redraw=False)
+    for k in range(8):
+        z = np.array([np.sin(k), np.cos(k)])
+        for ukf in (c, python, plain):
+            ukf.predict(0.1)
+            ukf.update(z)
+        assert c.x.tobytes() == python.x.tobytes()
+    assert (plain.x != python.x).any()
+
+
+def test_nothing_sampled_is_no_access(library):
+    c, bus = start(library, AUGMENTED)
+    c.predict(0.0)
+    before = len(bus.log)
+    assert not c.update([np.nan, np.nan], np.zeros(2, dtype=bool))
+    assert len(bus.log) == before
+
+
+def test_code_for_one_core_drives_another(library):
+    """Sizes are those of the description at run time, so two cores share the code."""
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    c = CFilter(library(SMALLEST), bus, AUGMENTED, f, h, core=library(AUGMENTED))
+    own, _ = start(library, AUGMENTED)
+    small, _ = start(library, SMALLEST)
+    data = problem(AUGMENTED)
+    c.start(data["x0"], data["P0"], data["Q"], data["R"])
+    for ukf in (c, own):
+        ukf.predict(0.5)
+        small.predict(0.5)
+        ukf.update([0.1, 0.2])
+    small.update([0.1])
+    assert c.x.tobytes() == own.x.tobytes()
+
+
+def test_the_driver_knows_the_processing_elements(library):
+    c, _ = start(library, AUGMENTED, core=GoldenCore(UkfParams(n=3, m=2, q=2, r=2, pes=3)))
+    assert c.pes == 3
+
+
+# Numbers.
+
+
+@pytest.mark.parametrize("params", [AUGMENTED, MIXED], ids=["binary32", "binary64"])
+def test_rounding_is_that_of_the_format(library, params):
+    c, _ = start(library, params)
+    number_format = params.format
+    rng = np.random.default_rng(1)
+    tiny = number_format.min_normal
+    edges = [tiny, tiny * (1 - 2.0**-24), tiny * (1 - 2.0**-25), tiny * (1 - 2.0**-26), tiny / 2]
+    edges += [number_format.max_finite, 5e-324, 0.0, np.inf, 1.0 + 2.0**-24, 1.0 + 3 * 2.0**-24]
+    if number_format == BINARY32:
+        edges += [number_format.max_finite * (1 + 2.0**-25), number_format.max_finite * 1.5]
+    values = np.concatenate((
+        edges, np.ldexp(rng.standard_normal(2000), rng.integers(-160, 130, 2000)),
+        tiny * (1 + rng.uniform(-(2.0**-22), 2.0**-22, 500)), [np.nan],
+    ))  # fmt: skip
+    values = np.concatenate((values, -values))
+    found = np.array([c.round(value) for value in values])
+    expected = number_format.round(values)
+    assert (number_format.encode(found) == number_format.encode(expected)).all()
+    assert (np.signbit(found) == np.signbit(expected))[~np.isnan(values)].all()
+    assert (expected == 0.0).sum() > 100
+    if number_format == BINARY32:
+        assert (expected != values).sum() > 1000
+
+
+def factor_in_c(library, A):
+    B = np.full(A.shape, np.nan)
+    function = library.ukf_lower_factor
+    function.restype = ctypes.c_bool
+    pointer = ctypes.POINTER(ctypes.c_double)
+    okay = function(len(A), A.ctypes.data_as(pointer), B.ctypes.data_as(pointer))
+    return B if okay else None
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 32])
+def test_factors_are_those_of_python(library, size):
+    rng = np.random.default_rng(size)
+    for rank in {size, max(size - 1, 1), (size + 1) // 2}:
+        G = rng.standard_normal((size, rank))
+        if rank < size:
+            G[rng.integers(size)] = 0.0  # a state without uncertainty
+        A = G @ G.T
+        B = factor_in_c(library(SMALLEST), A)
+        assert B is not None
+        assert np.abs(B @ B.T - A).max() <= 1e-12 * max(np.abs(A).max(), 1.0)
+        assert (np.triu(B, 1) == 0.0).all()
+        if rank == size:
+            assert np.allclose(B, lower_factor(A), rtol=1e-8, atol=1e-12)
+    diagonal = np.diag(rng.uniform(0.0, 2.0, size))
+    diagonal[0, 0] = 0.0
+    assert np.allclose(
+        factor_in_c(library(SMALLEST), diagonal), lower_factor(diagonal), rtol=1e-15, atol=0.0
+    )
+    assert factor_in_c(library(SMALLEST), -np.eye(size)) is None
+    if size > 1:
+        indefinite = np.eye(size)
+        indefinite[0, 1] = indefinite[1, 0] = 2.0
+        assert factor_in_c(library(SMALLEST), indefinite) is None
+        indefinite[0, 0] = 0.0
+        assert factor_in_c(library(SMALLEST), indefinite) is None
+
+
+def test_models_of_the_nanosatellite_are_those_of_python(library):
+    """Bit for bit: the operations are in the same order, and there are no others than + - *."""
+    compiled = library(NANOSAT)
+    scenario = nanosat(steps=1)
+    dt = np.array([scenario.times[0]])
+    rng = np.random.default_rng(5)
+    real = ctypes.POINTER(ctypes.c_double)
+
+    def address(array):
+        return array.ctypes.data_as(real)
+
+    for name in ("nanosat_process", "nanosat_observe"):
+        getattr(compiled, name).restype = ctypes.c_bool
+    for _ in range(500):
+        x = rng.standard_normal(7) * 10.0 ** rng.integers(-3, 3, 7)
+        w, u, v = rng.standard_normal(7), rng.standard_normal(3), rng.standard_normal(6)
+        following, z = np.empty(7), np.empty(6)
+        assert compiled.nanosat_process(
+            address(dt), address(x), address(w), address(u), address(following)
+        )
+        assert compiled.nanosat_observe(None, address(x), address(v), address(z))
+        assert following.tobytes() == np.asarray(scenario.f(x, w, u)).tobytes()
+        assert z.tobytes() == np.asarray(scenario.h(x, v)).tobytes()
+
+
+# What can go wrong.
+
+
+def failing(call, *arguments):
+    """Call something that must fail; gives the error."""
+    with pytest.raises(CFilterError) as caught:
+        call(*arguments)
+    return caught.value
+
+
+CHECKED = [
+    (ID, "MAGIC", Result.WRONG_ID),
+    (ID, "VERSION", Result.WRONG_ID),
+    *((SIZES, name, Result.WRONG_SIZES) for name in "NQRM"),
+    *(
+        (CONFIG, name, Result.WRONG_FORMAT)
+        for name in (
+            "EXPONENT_BITS", "FRACTION_BITS", "COVARIANCE_FORM", "ADDITIVE_Q", "ADDITIVE_R",
+        )
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("register", "name", "result"), CHECKED)
+def test_a_wrong_core_is_refused(library, register, name, result):
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    right = bus.bus.read(register.offset)
+    field = register[name]
+    bus.lies[register.offset] = right ^ (1 << field.lsb)
+    error = failing(lambda: CFilter(library(AUGMENTED), bus, AUGMENTED, f, h))
+    assert error.result is result
+    assert error.fault["address"] == register.offset
+    assert error.fault["expected"] == field.get(right)
+    assert error.fault["found"] == field.get(right) ^ 1
+    assert all(kind == "read" for kind, *_ in bus.log), "nothing was written to it"
+
+
+@pytest.mark.parametrize("options", [{"timeout_us": 0}, {"short": 1}])
+def test_opening_checks_its_arguments(library, options):
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    error = failing(lambda: start(library, AUGMENTED, bus=bus, **options))
+    assert error.result is Result.BAD_ARGUMENT
+    assert not bus.log
+
+
+@pytest.mark.parametrize("offset", [ID.offset, SIZES.offset, CONFIG.offset, CONTROL.offset])
+def test_a_refused_access_is_told_when_opening(library, offset):
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    bus.refuse = offset
+    error = failing(lambda: CFilter(library(AUGMENTED), bus, AUGMENTED, f, h))
+    assert (error.result, error.fault["address"]) == (Result.BUS_ERROR, offset)
+
+
+@pytest.mark.parametrize("symbol", ["X", "Z", "z", "x"])
+def test_a_refused_access_is_told_while_running(library, symbol):
+    c, bus = start(library, AUGMENTED)
+    place = MemoryMap(AUGMENTED).address(symbol, 0, 1)
+
+    def iterate():
+        c.predict(0.1)
+        c.update([0.1, 0.2])
+        return c.x
+
+    bus.refuse = place
+    error = failing(iterate)
+    assert (error.result, error.fault["address"]) == (Result.BUS_ERROR, place)
+    bus.refuse = None
+    iterate()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("x0", [np.nan, 0.0, 0.0]),
+        ("P0", -np.eye(3)),
+        ("P0", np.array([[1.0, 0.5, 0.0], [0.4, 1.0, 0.0], [0.0, 0.0, 1.0]])),
+        ("P0", np.diag([1.0, np.inf, 1.0])),
+        ("Q", None),
+        ("Q", -np.eye(2)),
+        ("R", np.full((2, 2), np.nan)),
+    ],
+)
+def test_starting_checks_its_arguments_before_it_writes(library, name, value):
+    c, bus = start(library, AUGMENTED)
+    data = problem(AUGMENTED) | {name: value}
+    before = len(bus.log)
+    error = failing(c.start, data["x0"], data["P0"], data["Q"], data["R"])
+    assert error.result is Result.BAD_ARGUMENT
+    assert len(bus.log) == before
+
+
+def test_settings_check_their_arguments(library):
+    c, bus = start(library, AUGMENTED)
+    before = len(bus.log)
+    for call in (
+        lambda: setattr(c, "x", [0.0, np.inf, 0.0]),
+        lambda: setattr(c, "P", -np.eye(3)),
+        lambda: c.set_noise(-np.eye(2), np.eye(2)),
+        lambda: c.set_gate(-1.0),
+        lambda: c.set_gate(np.nan),
+        lambda: c.update([np.nan, 0.0]),
+    ):
+        assert failing(call).result is Result.BAD_ARGUMENT
+    assert len(bus.log) == before
+
+
+def test_the_covariance_form_needs_a_definite_covariance(library):
+    c, _ = start(library, COVARIANCE)
+    data = problem(COVARIANCE)
+    P = np.diag([1.0, 0.0, 1.0])
+    assert failing(c.start, data["x0"], P, data["Q"], data["R"]).result is Result.BAD_ARGUMENT
+    square_root, _ = start(library, AUGMENTED)
+    data = problem(AUGMENTED)
+    square_root.start(data["x0"], P, data["Q"], data["R"])
+
+
+@pytest.mark.parametrize("interrupt", [False, True], ids=["polling", "interrupt"])
+def test_a_core_that_never_finishes(library, interrupt):
+    """Time-out, reset, and on from the saved estimate: as if the lost sample had not been."""
+    core = GoldenCore(AUGMENTED)
+    bus = NotingBus(core)
+    wait = bus.bus.wait_for_interrupt if interrupt else None
+    c, _ = start(library, AUGMENTED, bus=bus, interrupt=wait, timeout_us=20_000, clock=Clock())
+    c.predict(0.1)
+    c.update([0.1, 0.2])
+    saved = c.save()
+    core.hold = True
+    error = failing(c.predict, 0.2)
+    assert error.result is Result.TIMEOUT
+    assert error.fault["step"] == error.fault["state"] == Step.PREDICT
+    assert bus.log[-3][:3] == ("write", CONTROL.offset, 0b11), "the core was reset"
+    core.hold = False
+    c.restore(*saved)
+    other, _ = start(library, AUGMENTED)
+    other.predict(0.1)
+    other.update([0.1, 0.2])
+    other.restore(*other.save())
+    for ukf in (c, other):
+        ukf.predict(0.3)
+        ukf.update([0.2, 0.1])
+    assert c.x.tobytes() == other.x.tobytes()
+    assert c.P.tobytes() == other.P.tobytes()
+
+
+def test_after_a_time_out_it_goes_on_without_restoring(library):
+    """x and L are in the core still: the next call runs INIT by itself."""
+    core = GoldenCore(AUGMENTED)
+    c, _ = start(library, AUGMENTED, core=core, timeout_us=5_000, clock=Clock())
+    before = c.x
+    core.hold = True
+    assert failing(c.predict, 0.2).fault["step"] == Step.SIG_GEN
+    core.hold = False
+    assert (c.x == before).all()
+    c.predict(0.2)
+    c.update([0.0, 0.0])
+
+
+def test_a_predict_that_broke_off_leaves_no_points_behind(library):
+    """The core takes what was written for sigma points; the next predict draws anew."""
+    c, bus = start(library, AUGMENTED)
+    other, _ = start(library, AUGMENTED)
+    for ukf in (c, other):
+        ukf.redraw()
+    bus.refuse = MemoryMap(AUGMENTED).address("X", 2, 5)
+    assert failing(c.predict, 0.1).result is Result.BUS_ERROR
+    bus.refuse = None
+    for ukf in (c, other):
+        ukf.predict(0.1)
+        ukf.update([0.1, 0.2])
+    assert c.x.tobytes() == other.x.tobytes()
+
+
+def test_restoring_forgets_a_prediction(library):
+    c, _ = start(library, AUGMENTED)
+    saved = c.save()
+    c.predict(0.9)
+    c.restore(*saved)
+    c.update([0.1, 0.2])
+    other, _ = start(library, AUGMENTED)
+    other.update([0.1, 0.2])
+    assert c.x.tobytes() == other.x.tobytes()
+
+
+def test_a_step_that_somebody_dropped(library):
+    c, bus = start(library, AUGMENTED)
+
+    def reset(address, word):
+        if address == CONTROL.offset and word & CONTROL["PREDICT"].mask:
+            bus.bus.write(CONTROL.offset, 0b11)
+
+    bus.on_write = reset
+    error = failing(c.predict, 0.1)
+    assert (error.result, error.fault["step"]) == (Result.STEP_LOST, Step.PREDICT)
+    bus.on_write = None
+    c.predict(0.1)
+
+
+def test_an_illegal_step(library):
+    """Somebody else used the core's points; the driver's PREDICT then comes out of sequence."""
+    c, bus = start(library, AUGMENTED)
+    place = MemoryMap(AUGMENTED).address("X", 0, 0)
+    x = MemoryMap(AUGMENTED).address("x", 0, 0)
+
+    def meddle(address, word):
+        if address == place:
+            bus.bus.write(x, 0)
+
+    bus.on_write = meddle
+    error = failing(c.predict, 0.1)
+    assert (error.result, error.fault["step"]) == (Result.ILLEGAL_STEP, Step.PREDICT)
+
+
+def test_an_error_that_nobody_knows(library):
+    c, bus = start(library, AUGMENTED)
+    bus.lies[ERROR.offset] = 77 | 5 << 8
+    error = failing(c.predict, 0.1)
+    assert error.result is Result.UNKNOWN_ERROR
+    assert (error.fault["code"], error.fault["index"]) == (77, 5)
+
+
+def test_an_overflow(library):
+    """A finite number that binary32 cannot hold; the estimate stays."""
+    c, _ = start(library, AUGMENTED, observe=lambda x, v: [1e300 + x[0], x[1] + v[0]])
+    c.predict(0.1)
+    before = c.x
+    error = failing(c.update, [0.0, 0.0])
+    assert (error.result, error.fault["step"]) == (Result.NOT_FINITE, Step.UPDATE)
+    assert error.fault["code"] == ErrorCode.NOT_FINITE
+    assert (c.x == before).all()
+    c.update([0.0, 0.0], np.array([False, True]))
+    assert (c.x != before).any()
+
+
+def test_a_singular_observation(library):
+    c, _ = start(library, AUGMENTED, observe=lambda x, v: [x[0] + v[0], 1.0])
+    c.predict(0.1)
+    before = c.x
+    error = failing(c.update, [0.0, 0.0])
+    assert error.result is Result.SINGULAR_OBSERVATION
+    assert (error.fault["step"], error.fault["index"]) == (Step.UPDATE, 1)
+    assert (c.x == before).all()
+    c.update([0.0, 0.0], np.array([True, False]))
+
+
+def test_a_covariance_that_is_not_positive_definite(library):
+    """In the covariance form, a state that is known exactly has no factor."""
+    bus = NotingBus(GoldenCore(COVARIANCE))
+    c = CFilter(
+        library(COVARIANCE), bus, COVARIANCE,
+        lambda x, w, u: [x[0], 1.0, x[2]], lambda x, v: [x[0] + v[0], x[2]],
+    )  # fmt: skip
+    data = problem(COVARIANCE)
+    c.start(data["x0"], data["P0"], np.zeros((3, 3)), data["R"])
+    error = failing(lambda: (c.predict(0.0), c.redraw()))
+    assert error.result is Result.NOT_POSITIVE_DEFINITE
+    assert (error.fault["step"], error.fault["index"]) == (Step.SIG_GEN, 1)
+
+
+@pytest.mark.parametrize("which", ["f", "h"])
+@pytest.mark.parametrize("kind", ["exception", "not finite"])
+def test_a_model_without_a_result(library, which, kind):
+    calls = []
+
+    def breaking(model):
+        def broken(*arguments):
+            calls.append(arguments)
+            values = np.asarray(model(*arguments))
+            if len(calls) == 3:
+                if kind == "exception":
+                    raise ArithmeticError("on purpose")
+                values[1] = np.inf
+            return values
+
+        return broken
+
+    bus = NotingBus(GoldenCore(AUGMENTED))
+    c = CFilter(
+        library(AUGMENTED), bus, AUGMENTED,
+        breaking(f) if which == "f" else f, breaking(h) if which == "h" else h,
+    )  # fmt: skip
+    data = problem(AUGMENTED)
+    c.start(data["x0"], data["P0"], data["Q"], data["R"])
+    before = c.x
+
+    def iterate():
+        c.predict(0.1)
+        c.update([0.1, 0.2])
+
+    error = failing(iterate)
+    assert (error.result, error.fault["point"]) == (Result.BAD_MODEL, 2)
+    if kind == "not finite":
+        assert error.fault["index"] == 1
+    if which == "f":
+        assert (c.x == before).all()
+    assert bool(c.exceptions) == (kind == "exception")
+    iterate()
+
+
+def test_results_have_names(library):
+    name = library(SMALLEST).ukf_result_name
+    name.restype = ctypes.c_char_p
+    names = {name(result).decode() for result in Result}
+    assert len(names) == len(Result)
+    assert name(len(Result)) == name(1000) == b"not a result"
+
+
+def test_status_is_polled_with_the_bits_of_the_map(library):
+    """A core that says it is busy for a while is waited for."""
+    c, bus = start(library, AUGMENTED)
+    looks = []
+    read = bus.read
+
+    def busy(address):
+        word = read(address)
+        if address == STATUS.offset and len(looks) < 5:
+            looks.append(word)
+            return word | Step.SIG_GEN << STATUS["STATE"].lsb
+        return word
+
+    bus.read = busy
+    c.predict(0.1)
+    assert len(looks) == 5

@@ -1,0 +1,178 @@
+"""C in the loop: the C driver and application drive the Verilog, against the golden model."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ukf_sim.c_software.compiler import Toolchain
+from ukf_sim.c_software.loop import first_difference, golden_results, run_c_in_the_loop
+from ukf_sim.c_software.scenario_files import HEADER, export_scenario, read_results
+from ukf_sim.cli import app
+from ukf_sim.cosimulation import step_timeout
+from ukf_sw.catalogue import CATALOGUE
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import Program
+from ukf_sw.parameters import Pipeline
+from ukf_sw.systems.nanosat import NANOSAT, nanosat, nanosat_2014_rates
+
+STEPS = 5
+
+
+def scenario(steps=STEPS, pes=2):
+    made = nanosat(steps=steps)
+    return replace(made, params=replace(made.params, pes=pes))
+
+
+# The loop.
+
+needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
+
+
+@needs_cc
+@pytest.mark.system
+def test_c_drives_the_verilog_bit_for_bit(core_cache):
+    """One compilation serves three runs: interrupt, polling, and a slow bus."""
+    made = scenario()
+    code = microcode(made.params, Pipeline())
+    steps = sum(code.clocks(program) for program in (Program.PREDICT, Program.UPDATE))
+    for options in ({}, {"interrupt": False}, {"word_clocks": 15.6}):
+        outcome = run_c_in_the_loop(made, STEPS, cache=core_cache, optimise=False, **options)
+        assert outcome.mismatch is None
+        assert not outcome.results.results.any()
+        assert outcome.words > 362 * STEPS
+        assert outcome.clocks >= outcome.bus_clocks + ("interrupt" not in options) * steps * STEPS
+        word = outcome.bus_clocks / outcome.words
+        if "word_clocks" in options:
+            assert word == pytest.approx(15.6, rel=1e-3)
+        else:
+            assert 2.0 <= word <= 6.0
+        assert outcome.cpu_seconds > 0.0
+        assert outcome.seconds > 0.0
+
+
+@needs_cc
+@pytest.mark.system
+@pytest.mark.slow
+def test_a_thousand_iterations(core_cache):
+    made = scenario(1000)
+    outcome = run_c_in_the_loop(made, 1000, cache=core_cache)
+    assert outcome.mismatch is None
+    assert not outcome.results.results.any()
+    last = slice(500, None)
+    assert made.error(outcome.results.x[last], made.truth[last])[:, 0].max() < 0.2
+
+
+def test_differences_are_found():
+    """In one bit of any result, and when a run ended early."""
+    expected = golden_results(scenario(pes=1), STEPS)
+    assert first_difference(golden_results(scenario(pes=1), STEPS), expected) is None
+    x = expected.x.copy()
+    x.view(np.uint64)[3, 2] ^= 1
+    assert first_difference(replace(expected, x=x), expected).startswith("x of step 3: ")
+    nis = expected.nis.copy()
+    nis[1] = np.nan
+    assert first_difference(replace(expected, nis=nis), expected).startswith("nis of step 1: nan")
+    results = expected.results.copy()
+    results[4] = 6
+    assert first_difference(replace(expected, results=results), expected) == (
+        "results of step 4: 6, not 0"
+    )
+    assert first_difference(replace(expected, x=x[:2]), expected) == "2 steps, not 5"
+    assert first_difference(replace(expected, P=None), expected) == "P at the end"
+    assert first_difference(replace(expected, P=-expected.P), expected) == "P at the end"
+
+
+def test_a_step_has_the_time_it_needs():
+    clocks = microcode(NANOSAT, Pipeline()).clocks(Program.UPDATE)
+    assert step_timeout(NANOSAT, Pipeline()) > clocks / 100e6
+    assert step_timeout(NANOSAT, Pipeline(), 15.6) > step_timeout(NANOSAT, Pipeline())
+
+
+# Files.
+
+
+def test_equal_scenarios_give_equal_files(tmp_path):
+    for folder in ("a", "b"):
+        export_scenario(nanosat(steps=3), 3, tmp_path / folder)
+    for path in (tmp_path / "a").iterdir():
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
+    """Every number, every bit, in the same order."""
+    made = nanosat_2014_rates(gaps="random", P0=0.01, steps=30)
+    binary, header = export_scenario(made, 30, tmp_path)
+    data = binary.read_bytes()
+    words = np.frombuffer(data, "<u4", 10)
+    assert words.tolist() == [0x53464B55, 1, 7, 6, 7, 6, 3, 30, 0, 0]
+    numbers = np.frombuffer(data, "<f8", (len(data) - 40 - 30 * 4) // 8, 40)
+    text = header.read_text()
+    interval = float.fromhex(text.split(".interval = ")[1].split(",")[0])
+    constants = [
+        float.fromhex(word)
+        for line in text.splitlines()
+        if line.startswith("    ") and "p" in line and "=" not in line
+        for word in line.replace(",", " ").split()
+    ]
+    assert numbers.tolist() == [interval, *constants]
+    assert interval == 1e-3
+    assert constants[:7] == made.x0.tolist()
+    expected = np.where(made.sampled, made.measurements, 0.0)
+    assert numbers[-30 * 6 :].tolist() == expected.reshape(-1).tolist()
+    masks = np.frombuffer(data, "<u4", 30, len(data) - 120)
+    assert (masks == made.sampled @ (1 << np.arange(6))).all()
+    assert {0, 0b111, 0b111000} <= set(masks.tolist()) <= {0, 0b111, 0b111000, 0b111111}
+
+
+@pytest.mark.parametrize("steps", [0, 4])
+def test_steps_must_be_there(steps, tmp_path):
+    with pytest.raises(ValueError, match=f"^steps must be between 1 and 3, not {steps}$"):
+        export_scenario(nanosat(steps=3), steps, tmp_path)
+
+
+def test_scenarios_with_more_than_numbers_are_refused(tmp_path):
+    made = CATALOGUE["ctrv"].scenario(steps=3)
+    with pytest.raises(ValueError, match=r"^scenario must have numbers only, no angles, not 'ctrv"):
+        export_scenario(made, 3, tmp_path)
+
+
+def test_a_file_of_results_must_be_whole(tmp_path):
+    path = tmp_path / "results.bin"
+    path.write_bytes(bytes(100))
+    with pytest.raises(
+        ValueError, match=r"results.bin must have 464 bytes, or whole steps, not 100$"
+    ):
+        read_results(path, NANOSAT, 1)
+
+
+# Command line.
+
+
+def test_export_command(tmp_path):
+    result = CliRunner().invoke(
+        app,
+        ["export", "--config", "nanosat-additive", "--steps", "2", "--output", str(tmp_path),
+         "--json"],
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["files"] == [
+        str(tmp_path / "scenario.bin"), str(tmp_path / HEADER)
+    ]  # fmt: skip
+    export_scenario(CATALOGUE["nanosat"].scenario(steps=2), 2, tmp_path / "augmented")
+    assert (tmp_path / HEADER).read_text() != (tmp_path / "augmented" / HEADER).read_text()
+
+
+def test_export_complains(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    result = CliRunner().invoke(
+        app, ["export", "--config", "nanosat", "--steps", "2", "--output", str(file)]
+    )
+    assert result.exit_code == 2
+    assert "--output must be a folder" in result.output
+    result = CliRunner().invoke(app, ["c-loop", "--n", "2", "--m", "1"])
+    assert result.exit_code == 2
+    assert "--config must be given" in result.output

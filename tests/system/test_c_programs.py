@@ -1,0 +1,290 @@
+"""The C application as programs: with sanitizers, for the ARM, without an operating system."""
+
+import socket
+import struct
+import subprocess
+
+import numpy as np
+import pytest
+
+from ukf_sim.c_software.arm import arm_available, run_on_arm
+from ukf_sim.c_software.compiler import (
+    APPLICATION,
+    DRIVER,
+    PROGRAM,
+    SOURCES,
+    CompilerError,
+    Toolchain,
+    compile_c,
+    compile_objects,
+    write_interfaces,
+)
+from ukf_sim.c_software.loop import first_difference, golden_results
+from ukf_sim.c_software.register_server import RegisterServer
+from ukf_sim.c_software.scenario_files import export_scenario, read_results
+from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.parameters import Noise, UkfParams
+from ukf_sw.registers import CONTROL, ERROR
+from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
+
+needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
+SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+STEPS = 12
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """The program for Linux, native, with sanitizers."""
+    folder = tmp_path_factory.mktemp("program")
+    write_interfaces(NANOSAT, folder)
+    return compile_c(
+        [*DRIVER, *APPLICATION, *PROGRAM], folder / "nanosat", [folder], flags=SANITIZED
+    )
+
+
+def run(program, scenario, folder, *, bus=None, steps=STEPS, options=()):
+    """Run a program against a golden model; gives the process and its results."""
+    binary, _ = export_scenario(scenario, steps, folder)
+    bus = bus or GoldenBus(GoldenCore(scenario.params))
+    with RegisterServer(folder / "socket", bus) as server:
+        done = subprocess.run(
+            [str(program), f"remote:{folder / 'socket'}", str(binary),
+             str(folder / "results.bin"), *options],
+            capture_output=True, text=True, check=False, timeout=120,
+        )  # fmt: skip
+        done.words = server.words
+    return done, read_results(folder / "results.bin", scenario.params, steps)
+
+
+@needs_cc
+@pytest.mark.parametrize("options", [(), ("polling",)], ids=["interrupt", "polling"])
+def test_the_program_computes_what_python_computes(program, options, tmp_path):
+    scenario = nanosat(steps=STEPS)
+    done, results = run(program, scenario, tmp_path, options=options)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{STEPS} steps, 0 errors, 0 recoveries\n"
+    assert done.words > 350 * STEPS
+    assert first_difference(results, golden_results(scenario, STEPS)) is None
+
+
+@needs_cc
+def test_masks_come_with_the_samples(program, tmp_path):
+    """Sensors with gaps: some updates of one sensor, many steps without any."""
+    scenario = nanosat_2014_rates(gaps="random", P0=0.01, steps=40)
+    done, results = run(program, scenario, tmp_path, steps=40)
+    assert done.returncode == 0, done.stderr
+    assert first_difference(results, golden_results(scenario, 40)) is None
+    sampled = scenario.sampled.any(axis=1)
+    assert 0 < sampled.sum() < 20
+    assert (np.isnan(results.nis) == ~sampled).all()
+
+
+@needs_cc
+def test_additive_noise(tmp_path):
+    write_interfaces(NANOSAT_ADDITIVE, tmp_path)
+    program = compile_c([*DRIVER, *APPLICATION, *PROGRAM], tmp_path / "nanosat", [tmp_path])
+    scenario = nanosat(noise=Noise.ADDITIVE, steps=STEPS)
+    done, results = run(program, scenario, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert first_difference(results, golden_results(scenario, STEPS)) is None
+
+
+@needs_cc
+def test_single_precision(tmp_path):
+    """With -DUKF_REAL=float the models round, but hardly otherwise than binary32 does anyway."""
+    write_interfaces(NANOSAT, tmp_path)
+    program = compile_c(
+        [*DRIVER, *APPLICATION, *PROGRAM], tmp_path / "nanosat", [tmp_path],
+        flags=("-DUKF_REAL=float",),
+    )  # fmt: skip
+    scenario = nanosat(steps=STEPS)
+    done, results = run(program, scenario, tmp_path)
+    assert done.returncode == 0, done.stderr
+    difference = np.abs(results.x - golden_results(scenario, STEPS).x).max()
+    assert 0.0 < difference < 1e-4
+
+
+class FailingBus(GoldenBus):
+    """A golden model with a failure in one of its steps, counted by name."""
+
+    def __init__(self, name, at, effect):
+        super().__init__(GoldenCore(NANOSAT))
+        self._mask = CONTROL[name].mask
+        self._left = at
+        self._effect = effect
+        self._broken = False
+
+    def write(self, address, word):
+        starts = address == CONTROL.offset and word & self._mask
+        if starts:
+            self._left -= 1
+        if starts and self._left == 0 and self._effect == "hang":
+            self.core.hold = True
+        super().write(address, word)
+        if address == CONTROL.offset and word & CONTROL["RESET"].mask:
+            self.core.hold = False
+        if starts and self._left == 0 and self._effect == "error":
+            self._broken = True
+
+    def read(self, address):
+        if address == ERROR.offset and self._broken:
+            self._broken = False
+            return 99
+        return super().read(address)
+
+
+@needs_cc
+@pytest.mark.parametrize("effect", ["hang", "error"])
+def test_the_application_goes_on_from_the_saved_estimate(program, effect, tmp_path):
+    """A core that hangs, or reports what nobody knows, in step 5: one sample is lost."""
+    scenario = nanosat(steps=STEPS)
+    bus = FailingBus("PREDICT", 6, effect)
+    done, results = run(program, scenario, tmp_path, bus=bus)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{STEPS} steps, 1 errors, 1 recoveries\n"
+    assert f"step 5: {'time-out' if effect == 'hang' else 'unknown error'}" in done.stderr
+    expected = golden_results(scenario, STEPS)
+    assert (results.x[:5] == expected.x[:5]).all()
+    # The estimate was saved after step 0; the filter goes on from there.
+    assert (results.x[5] == expected.x[0]).all()
+    assert (results.results[np.arange(STEPS) != 5] == 0).all()
+    assert np.abs(results.x[-1] - expected.x[-1])[:4].max() < 0.01
+
+
+@needs_cc
+def test_the_application_ends_when_the_core_cannot_be_recovered(program, tmp_path):
+    """It hangs before anything was saved."""
+    done, results = run(
+        program, nanosat(steps=STEPS), tmp_path, bus=FailingBus("PREDICT", 1, "hang")
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("step 0: time-out\ntime-out: step 3, ")
+    assert len(results.x) == 1
+    assert results.P is None
+
+
+@needs_cc
+def test_a_wrong_core_ends_the_program(program, tmp_path):
+    binary, _ = export_scenario(nanosat(steps=1), 1, tmp_path)
+    with RegisterServer.of_golden(tmp_path / "socket", NANOSAT_ADDITIVE):
+        done = subprocess.run(
+            [str(program), f"remote:{tmp_path / 'socket'}", str(binary), str(tmp_path / "out")],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.startswith("wrong format: step 0, code 0, index 0, address 0x8, ")
+
+
+@needs_cc
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        ((), 2, "usage: "),
+        (("uio:/dev/no-such-device", "s", "r"), 1, "No such file"),
+        (("remote:no-such-socket", "s", "r"), 1, "No such file"),
+        (("remote:" + 200 * "x", "s", "r"), 1, "File name too long"),
+        (("remote:x", "s", "r", "sometimes"), 2, "usage: "),
+    ],
+)
+def test_bad_arguments(program, arguments, code, message):
+    done = subprocess.run([str(program), *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert message in done.stderr
+
+
+@needs_cc
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: b"", "cannot be read"),
+        (lambda data: b"XKFS" + data[4:], "not a scenario of this byte order"),
+        (lambda data: data[:4] + b"\2" + data[5:], "of another version"),
+        (lambda data: data[:8] + b"\x21" + data[9:], "sizes must be at most 32"),
+        (lambda data: data[:28] + b"\xff" * 4 + data[32:], "too many steps"),
+        (lambda data: data[:-1], "too short"),
+        (lambda data: data + b"\0", "too long"),
+    ],
+)  # fmt: skip
+def test_bad_scenario_files(program, change, message, tmp_path):
+    binary, _ = export_scenario(nanosat(steps=2), 2, tmp_path)
+    binary.write_bytes(change(binary.read_bytes()))
+    with RegisterServer.of_golden(tmp_path / "socket", NANOSAT):
+        done = subprocess.run(
+            [str(program), f"remote:{tmp_path / 'socket'}", str(binary), str(tmp_path / "out")],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == f"{binary}: {message}\n"
+
+
+def test_the_server_refuses_what_it_does_not_know(tmp_path):
+    with RegisterServer.of_golden(tmp_path / "socket", NANOSAT) as server:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.connect(str(tmp_path / "socket"))
+            answers = []
+            for request in ((0, 0, 0, 0), (0, 0xFFFF_FFF0, 0, 0), (7, 0, 0, 0)):
+                client.sendall(struct.pack("=4I", *request))
+                answers.append(struct.unpack("=2I", client.recv(8, socket.MSG_WAITALL)))
+        assert answers == [(1, 0x554B_0001), (0, 0), (0, 0)]
+        assert server.words == 2
+    assert not (tmp_path / "socket").exists()
+
+
+@pytest.mark.skipif(
+    not arm_available(), reason="gcc-arm-linux-gnueabihf or qemu-user is not installed"
+)
+@pytest.mark.parametrize("interrupt", [True, False], ids=["interrupt", "polling"])
+def test_the_program_for_the_cortex_a9(interrupt, tmp_path):
+    """The very binary for the board, in an emulator of its processor: bit for bit."""
+    outcome = run_on_arm(nanosat(steps=STEPS), STEPS, tmp_path, interrupt=interrupt)
+    assert outcome.program.read_bytes()[18:20] == b"\x28\0", "an executable for ARM"
+    assert outcome.mismatch is None
+    assert not outcome.results.results.any()
+    assert outcome.words > 350 * STEPS
+
+
+def test_missing_tools_are_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(CompilerError, match=r"^qemu-arm is not installed$"):
+        run_on_arm(nanosat(steps=1), 1, tmp_path / "arm")
+    with pytest.raises(CompilerError, match=r"^cc is not installed$"):
+        compile_c([DRIVER[0]], tmp_path / "driver.o", [], flags=("-c",))
+
+
+#: What a program without an operating system must bring: the mathematics and four functions that
+#: compilers call by themselves.
+FREESTANDING = {"sqrt", "rint", "fabs", "fmax", "memcpy", "memset", "memmove", "memcmp"}
+
+
+@pytest.mark.parametrize("toolchain", list(Toolchain), ids=lambda toolchain: toolchain.value)
+def test_the_program_without_an_operating_system(toolchain, tmp_path):
+    """It compiles for a freestanding environment and needs nothing else."""
+    if not toolchain.available:
+        pytest.skip(f"{toolchain.command[0]} is not installed")
+    write_interfaces(NANOSAT, tmp_path)
+    export_scenario(nanosat(steps=20), 20, tmp_path)
+    sources = [
+        *DRIVER, SOURCES / "apps/nanosat/nanosat.c", SOURCES / "ports/bare_metal.c",
+        SOURCES / "apps/nanosat/nanosat_bare_metal.c",
+    ]  # fmt: skip
+    objects = compile_objects(
+        sources, tmp_path, [tmp_path], toolchain=toolchain, flags=("-ffreestanding",)
+    )
+    linked = tmp_path / "program.o"
+    subprocess.run(
+        [*toolchain.command, "-nostdlib", "-r", "-o", str(linked), *map(str, objects)], check=True
+    )
+    nm = "nm" if toolchain is Toolchain.NATIVE else "arm-linux-gnueabihf-nm"
+    symbols = subprocess.run([nm, str(linked)], capture_output=True, text=True, check=True).stdout
+    kinds = {line.split()[-1]: line.split()[-2] for line in symbols.splitlines()}
+    undefined = {name for name, kind in kinds.items() if kind == "U"}
+    # The compiler's own helpers for arithmetic begin with two underscores.
+    assert {name for name in undefined if not name.startswith("__")} <= FREESTANDING
+    assert kinds["main"] == kinds["nanosat_interrupt"] == "T"
+
+
+@needs_cc
+def test_a_core_of_other_sizes_does_not_compile(tmp_path):
+    write_interfaces(UkfParams(n=2, m=1), tmp_path)
+    with pytest.raises(CompilerError, match="the core must be generated for 7 states"):
+        compile_c([APPLICATION[0]], tmp_path / "nanosat.o", [tmp_path], flags=("-c",))
