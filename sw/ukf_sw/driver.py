@@ -366,7 +366,7 @@ class Driver:
         StepError
             If a step fails.
         """
-        self._generate()  # INIT would forget a prediction that has not been factorised
+        self.redraw()  # INIT would forget a prediction that has not been factorised
         self._write_matrix("LQ", lower_factor(Q))
         self._write_matrix("LR", lower_factor(R))
         self._initialised = False
@@ -391,8 +391,14 @@ class Driver:
             rows.append(values)
         return rows[0], rows[1]
 
-    def _generate(self) -> None:
-        """Have sigma points of the current estimate in the buffer."""
+    def redraw(self) -> None:
+        """Run SIG_GEN, which costs nothing if sigma points of the estimate are there.
+
+        Raises
+        ------
+        StepError
+            If the step fails.
+        """
         self._ensure_initialised()
         if self._overwritten:
             # A predict broke off after writing points, which the core takes for its own. A write
@@ -417,7 +423,7 @@ class Driver:
         StepError
             If the step fails.
         """
-        self._generate()
+        self.redraw()
         n = self._params.n
         read = self._read(self._X_read).reshape(n, n + 2)
         points = np.empty((n, self._params.N))

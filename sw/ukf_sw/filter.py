@@ -59,6 +59,10 @@ class Backend(Protocol):
         """Sigma points of w (q, N) and v (r, N); zeros for additive noise."""
         ...
 
+    def redraw(self) -> None:
+        """Draw sigma points of the state anew if the estimate has changed."""
+        ...
+
     def sigma_points(self) -> Array:
         """Sigma points of the state (n, N), drawn anew if the estimate has changed."""
         ...
@@ -423,7 +427,8 @@ class UnscentedKalmanFilter:
         UkfError
             If a step fails.
         """
-        self._draw()
+        self._ask(self._backend.redraw)
+        self._transformed = None
 
     def _draw(self) -> Array:
         """Sigma points of the estimate; those of the last predict are forgotten."""

@@ -161,6 +161,12 @@ class ReferenceUkf:
         NotPositiveDefiniteError
             If P has become indefinite.
         """
+        self.redraw()
+        assert self._points is not None
+        return self._points.copy()
+
+    def redraw(self) -> None:
+        """Draw sigma points if the estimate has changed; raises as :meth:`sigma_points`."""
         if self._points is None:
             try:
                 factor = lower_factor(self._estimate_P)
@@ -168,7 +174,6 @@ class ReferenceUkf:
                 raise NotPositiveDefiniteError(Step.SIG_GEN, int(error.args[0])) from error
             self._points = self._estimate_x[:, None] + factor @ self._sigma[: self._params.n]
             self._residuals = None
-        return self._points.copy()
 
     def predict(self, points: Array) -> Array:
         """Predict from transformed sigma points, shape (n, N) (equations 10 and 11).
