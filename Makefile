@@ -51,7 +51,7 @@ mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 	$(BIN)/python tests/mutants/run.py
 
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
-	$(BIN)/python -m ukf_sim.resources
+	$(BIN)/python -m ukf_sim.studies.resources
 
 package-check: $(STAMP) ## Package the core for both boards, and check the scripts
 	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
@@ -74,17 +74,17 @@ report: $(STAMP) ## Make build/report.html of the last sweep, and its figures in
 	$(BIN)/ukf report --figures docs/figures/design-space
 
 growth: $(STAMP) ## Note how cycles grow with states and processing elements
-	$(BIN)/python -m ukf_sim.growth
+	$(BIN)/python -m ukf_sim.studies.growth
 
 ecp5: $(STAMP) ## Place and route for ECP5, a proxy for routed timing, and note it (slow)
-	$(BIN)/python -m ukf_sim.ecp5
+	$(BIN)/python -m ukf_sim.studies.routing
 
 bench: $(STAMP) ## Measure the speed of simulation, models, generator and sweeps, and note it
-	$(BIN)/python -m ukf_sim.bench
+	$(BIN)/python -m ukf_sim.studies.bench
 
 readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
-	$(BIN)/python -m ukf_sim.readme
-	$(BIN)/python -m ukf_sim.pages
+	$(BIN)/python -m ukf_sim.documentation.readme
+	$(BIN)/python -m ukf_sim.documentation.pages
 
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

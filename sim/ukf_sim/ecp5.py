@@ -4,27 +4,16 @@ import json
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
-from itertools import product
 from pathlib import Path
 from typing import Any
 
-from rich.progress import Progress
-
 from ukf_sim.resources import NAME, YosysError, run_yosys
-from ukf_sw.parameters import Pipeline
-from ukf_sw.systems.nanosat import NANOSAT
 
 __all__ = [
-    "DEVICE", "MEASURED", "SYNTHESIS", "markdown", "place_and_route", "routed_figures",
+    "DEVICE", "ROUTING", "SYNTHESIS", "place_and_route", "routed_figures",
     "tool_version",
 ]  # fmt: skip
-
-#: Where the figures of the documentation come from.
-MEASURED = Path(__file__).parents[2] / "docs" / "measured" / "ecp5.json"
-#: What is routed for them.
-PES, SEEDS = (1, 2), (1, 2)
 
 #: The device, of the fastest speed grade.
 DEVICE = "LFE5U-85, speed 8"
@@ -126,43 +115,3 @@ def routed_figures(report: dict[str, Any]) -> dict[str, Any]:
         "multipliers": used.get("MULT18X18D", 0),
         "block_rams": used.get("DP16KD", 0),
     }
-
-
-def markdown(record: dict[str, Any]) -> str:
-    """Write the figures of :func:`main` as a table."""
-    lines = [
-        "| PEs | seed | clock | longest path | of it routing | LUT4 | FF | MULT18X18D | DP16KD |",
-        "|----:|-----:|------:|-------------:|--------------:|-----:|---:|-----------:|-------:|",
-    ]
-    lines += [
-        f"| {row['pes']} | {row['seed']} | {row['mhz']:.1f} MHz | {row['path_ns']:.1f} ns "
-        f"| {row['routing_ns'] / row['path_ns']:.0%} | {row['lut4']} | {row['ff']} "
-        f"| {row['multipliers']} | {row['block_rams']} |"
-        for row in record["rows"]
-    ]
-    return "\n".join([*lines, "", f"{record['configuration']}; {record['tools']}; {DEVICE}.", ""])
-
-
-def main() -> None:
-    """Route the reference configuration and write ``docs/measured/ecp5.json``."""
-    from ukf_sim import resources
-    from ukf_sim.design_space.cache import CACHE, Cache
-    from ukf_sim.design_space.parts import Routing
-    from ukf_sim.design_space.sweep import find
-
-    rows: list[dict[str, Any]] = []
-    with Progress() as bars:
-        for pes, seed in bars.track(list(product(PES, SEEDS)), description="routing"):
-            part = Routing(params=replace(NANOSAT, pes=pes), pipeline=Pipeline(), seed=seed)
-            rows.append({"pes": pes, "seed": seed, **find(part, Cache(CACHE))})
-    record = {
-        "configuration": "nanosat, square-root form, binary32, default pipeline depths",
-        "tools": f"{resources.tool_version()}, {tool_version()}",
-        "rows": rows,
-    }
-    MEASURED.parent.mkdir(parents=True, exist_ok=True)
-    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

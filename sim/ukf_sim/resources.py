@@ -5,20 +5,15 @@ import re
 import subprocess
 import sys
 import tempfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from rich.progress import Progress
-
 from ukf_hdl.generate import NAME, generate
 from ukf_sw.parameters import Pipeline, UkfParams
-from ukf_sw.systems.nanosat import NANOSAT
 
 __all__ = [
     "FLOW",
-    "MEASURED",
-    "MEASURED_PES",
     "PATH",
     "Netlist",
     "Resources",
@@ -50,11 +45,6 @@ PATH = (
     "from clock to output), without routing, set-up, clock skew and what placement does"
 )
 _HINT = "Install the dependency group `synth` for estimates of resources"
-
-#: Numbers of processing elements of the 2018 paper's table 2.
-MEASURED_PES = (1, 2, 5, 10)
-#: Where the figures of the README come from.
-MEASURED = Path(__file__).parents[2] / "docs" / "measured" / "resources.json"
 
 
 class YosysError(RuntimeError):
@@ -217,29 +207,3 @@ def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
         folder = Path(name)
         generate(params, pipeline or Pipeline(), folder)
         return synthesise(folder / f"{NAME}.v").resources
-
-
-def main() -> None:
-    """Measure the reference configuration and write ``docs/measured/resources.json``."""
-    from ukf_sim.design_space.cache import CACHE, Cache
-    from ukf_sim.design_space.parts import Synthesis
-    from ukf_sim.design_space.sweep import find
-
-    rows: dict[str, dict[str, float]] = {}
-    with Progress() as progress:
-        task = progress.add_task("synthesis", total=len(MEASURED_PES))
-        for pes in MEASURED_PES:
-            part = Synthesis(params=replace(NANOSAT, pes=pes), pipeline=Pipeline())
-            rows[str(pes)] = Netlist(**find(part, Cache(CACHE))).resources.as_dict()
-            progress.advance(task)
-    MEASURED.parent.mkdir(parents=True, exist_ok=True)
-    record = {
-        "configuration": "nanosat, square-root form, binary32, default pipeline depths",
-        "tool": f"{tool_version()}, {FLOW}",
-        "pes": rows,
-    }
-    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sim.configurations import Problem
+from ukf_sw.backends import Backend
 from ukf_sw.driver import Driver
 from ukf_sw.errors import (
     IllegalStepError,
@@ -15,7 +16,7 @@ from ukf_sw.errors import (
     SingularObservationError,
     StepError,
 )
-from ukf_sw.filter import Backend, UnscentedKalmanFilter
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.parameters import Pipeline
 from ukf_sw.reference import ReferenceUkf

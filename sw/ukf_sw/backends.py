@@ -1,4 +1,6 @@
-"""Backends by name, so that one script runs on a model here and on a core there.
+"""Backends: what computes the steps of a filter, by name.
+
+So one script runs on a model here and on a core there.
 
 =========================  =========================================================
 Name                       What computes
@@ -16,30 +18,95 @@ does so as ``cosim``. Such a function takes the parameters and the text after th
 
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import UkfParams
 
-if TYPE_CHECKING:
-    from ukf_sw.filter import Backend
-
 # What is slow to import, or needs more than NumPy, is imported by the backends that need it.
 
-__all__ = ["GROUP", "backend_names", "make_backend"]
+__all__ = ["GROUP", "Backend", "backend_names", "make_backend"]
 
 #: Group of entry points.
 GROUP = "ukf_sw.backends"
 
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
-def _reference(params: UkfParams, where: str) -> "Backend":
+
+@runtime_checkable
+class Backend(Protocol):
+    """What computes the steps of a filter.
+
+    :class:`ukf_sw.reference.ReferenceUkf` and :class:`ukf_sw.driver.Driver` are backends. Arguments
+    have been checked when they arrive here. A step that raises leaves the estimate as it was.
+    """
+
+    @property
+    def params(self) -> UkfParams:
+        """Sizes and kinds of noise."""
+        ...
+
+    def initialise(self, x: Array, P: Array, Q: Array, R: Array) -> None:
+        """Start from an estimate."""
+        ...
+
+    def set_state(self, x: Array) -> None:
+        """Replace x; P stays."""
+        ...
+
+    def set_covariance(self, P: Array) -> None:
+        """Replace P; x stays."""
+        ...
+
+    def set_noise(self, Q: Array, R: Array) -> None:
+        """Replace Q and R; the estimate stays."""
+        ...
+
+    def set_gate(self, gate: float) -> None:
+        """Reject updates with a NIS above the gate; infinity is off."""
+        ...
+
+    def noise_points(self) -> tuple[Array, Array]:
+        """Sigma points of w (q, N) and v (r, N); zeros for additive noise."""
+        ...
+
+    def redraw(self) -> None:
+        """Draw sigma points of the state anew if the estimate has changed."""
+        ...
+
+    def sigma_points(self) -> Array:
+        """Sigma points of the state (n, N), drawn anew if the estimate has changed."""
+        ...
+
+    def predict(self, points: Array) -> Array:
+        """Predict from the points sent through f; gives them back as the backend holds them."""
+        ...
+
+    def update(self, points: Array, z: Array, mask: Mask) -> tuple[float, bool]:
+        """Update from the points sent through h; gives the NIS and whether it was gated."""
+        ...
+
+    def state(self) -> Array:
+        """Estimate x (n,)."""
+        ...
+
+    def covariance(self) -> Array:
+        """Covariance P (n, n)."""
+        ...
+
+
+def _reference(params: UkfParams, where: str) -> Backend:
     from ukf_sw.reference import ReferenceUkf
 
     _nothing("reference", where)
     return ReferenceUkf(params)
 
 
-def _golden(params: UkfParams, where: str) -> "Backend":
+def _golden(params: UkfParams, where: str) -> Backend:
     from ukf_sw.driver import Driver
     from ukf_sw.golden import GoldenBus, GoldenCore
 
@@ -52,7 +119,7 @@ def _nothing(name: str, where: str) -> None:
         raise ValueError(f"backend must be {name!r}, with nothing behind it, not {where!r}")
 
 
-def _uio(params: UkfParams, where: str) -> "Backend":
+def _uio(params: UkfParams, where: str) -> Backend:
     from ukf_sw.driver import Driver
     from ukf_sw.uio import UioBus
 
@@ -62,7 +129,7 @@ def _uio(params: UkfParams, where: str) -> "Backend":
     return Driver(bus, params, interrupt=bus.wait_for_interrupt)
 
 
-def _pynq(params: UkfParams, where: str) -> "Backend":
+def _pynq(params: UkfParams, where: str) -> Backend:
     from ukf_sw.driver import Driver
     from ukf_sw.pynq_bus import PynqBus
 
@@ -77,7 +144,7 @@ def _pynq(params: UkfParams, where: str) -> "Backend":
     return Driver(bus, params, interrupt=bus.wait_for_interrupt if pin else None)
 
 
-_OWN: dict[str, Callable[[UkfParams, str], "Backend"]] = {
+_OWN: dict[str, Callable[[UkfParams, str], Backend]] = {
     "reference": _reference,
     "golden": _golden,
     "uio": _uio,
@@ -90,7 +157,7 @@ def backend_names() -> list[str]:
     return [*_OWN, *sorted({point.name for point in entry_points(group=GROUP)} - set(_OWN))]
 
 
-def make_backend(name: str, params: UkfParams) -> "Backend":
+def make_backend(name: str, params: UkfParams) -> Backend:
     """Make a backend.
 
     Parameters

@@ -1,17 +1,17 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
 from collections.abc import Callable
-from typing import Any, ParamSpec, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sw.backends import make_backend
+from ukf_sw.backends import Backend, make_backend
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.models import CheckedModel, ObservationModel, ProcessModel, wrap
 from ukf_sw.parameters import Form, UkfParams
 
-__all__ = ["Backend", "UnscentedKalmanFilter"]
+__all__ = ["UnscentedKalmanFilter"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -20,68 +20,6 @@ Result = TypeVar("Result")
 
 #: A step that ends so has changed nothing. After any other error that is not certain.
 VERDICTS = (NotFiniteError, NotPositiveDefiniteError, SingularObservationError)
-
-
-@runtime_checkable
-class Backend(Protocol):
-    """What computes the steps of a filter.
-
-    :class:`ukf_sw.reference.ReferenceUkf` and :class:`ukf_sw.driver.Driver` are backends. Arguments
-    have been checked when they arrive here. A step that raises leaves the estimate as it was.
-    """
-
-    @property
-    def params(self) -> UkfParams:
-        """Sizes and kinds of noise."""
-        ...
-
-    def initialise(self, x: Array, P: Array, Q: Array, R: Array) -> None:
-        """Start from an estimate."""
-        ...
-
-    def set_state(self, x: Array) -> None:
-        """Replace x; P stays."""
-        ...
-
-    def set_covariance(self, P: Array) -> None:
-        """Replace P; x stays."""
-        ...
-
-    def set_noise(self, Q: Array, R: Array) -> None:
-        """Replace Q and R; the estimate stays."""
-        ...
-
-    def set_gate(self, gate: float) -> None:
-        """Reject updates with a NIS above the gate; infinity is off."""
-        ...
-
-    def noise_points(self) -> tuple[Array, Array]:
-        """Sigma points of w (q, N) and v (r, N); zeros for additive noise."""
-        ...
-
-    def redraw(self) -> None:
-        """Draw sigma points of the state anew if the estimate has changed."""
-        ...
-
-    def sigma_points(self) -> Array:
-        """Sigma points of the state (n, N), drawn anew if the estimate has changed."""
-        ...
-
-    def predict(self, points: Array) -> Array:
-        """Predict from the points sent through f; gives them back as the backend holds them."""
-        ...
-
-    def update(self, points: Array, z: Array, mask: Mask) -> tuple[float, bool]:
-        """Update from the points sent through h; gives the NIS and whether it was gated."""
-        ...
-
-    def state(self) -> Array:
-        """Estimate x (n,)."""
-        ...
-
-    def covariance(self) -> Array:
-        """Covariance P (n, n)."""
-        ...
 
 
 def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

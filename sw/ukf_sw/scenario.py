@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.filter import Backend, UnscentedKalmanFilter
+from ukf_sw.backends import Backend
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.models import ObservationModel, ProcessModel
 from ukf_sw.parameters import UkfParams
 

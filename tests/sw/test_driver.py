@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from ukf_sw.backends import Backend
 from ukf_sw.bus import WordCodec
 from ukf_sw.driver import Driver, Traffic
 from ukf_sw.errors import (
@@ -15,7 +16,6 @@ from ukf_sw.errors import (
     UkfError,
     WrongCoreError,
 )
-from ukf_sw.filter import Backend
 from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.memory_map import MemoryMap

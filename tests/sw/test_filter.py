@@ -4,9 +4,10 @@ from functools import partial
 import numpy as np
 import pytest
 
+from ukf_sw.backends import Backend
 from ukf_sw.driver import Driver
 from ukf_sw.errors import BusError, CoreTimeoutError, NotFiniteError, SingularObservationError
-from ukf_sw.filter import Backend, UnscentedKalmanFilter
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.float_format import BINARY64
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap

@@ -5,9 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from ukf_sim import bench, ecp5, growth, readme
 from ukf_sim.configurations import random_scenario
+from ukf_sim.documentation import readme
 from ukf_sim.running import make_backend, run_problem
+from ukf_sim.studies import bench, growth, routing
 from ukf_sw.parameters import Form, UkfParams
 
 
@@ -51,7 +52,7 @@ RECORDS = {
     },
     growth: [{"figure": "bus_words", "over": "n", "group": "2 PEs", "low": 4, "high": 31,
               "points": 28, "exponent": 1.987, "worst": 1.25}],
-    ecp5: {
+    routing: {
         "configuration": "nanosat", "tools": "tools",
         "rows": [{"pes": 2, "seed": 3, "mhz": 51.26, "path_ns": 20.0, "routing_ns": 12.0,
                   "lut4": 8000, "ff": 900, "multipliers": 4, "block_rams": 30}],
@@ -61,7 +62,7 @@ EXPECTED = {
     bench: ["| golden model to filterpy | 2.00 |", "12.3 iterations, 45679 clocks a second",
             "| n = 7: schedule, then generate | 0.2 s, 3.2 s |", "load 0.5 at the start"],
     growth: ["| bus words | states | 4 to 31 | 2 PEs | +1.99 | 25% |"],
-    ecp5: ["| 2 | 3 | 51.3 MHz | 20.0 ns | 60% | 8000 | 900 | 4 | 30 |"],
+    routing: ["| 2 | 3 | 51.3 MHz | 20.0 ns | 60% | 8000 | 900 | 4 | 30 |"],
 }  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim import readme
+from ukf_sim.documentation import readme
 
 README = Path(__file__).parents[2] / "README.md"
 

@@ -14,10 +14,10 @@ from ukf_sim.apps.workers import mapper
 from ukf_sim.cosimulation import CACHE
 from ukf_sim.scenarios import cosimulate_scenario
 from ukf_sim.simulators import Simulator
+from ukf_sw.backends import Backend
 from ukf_sw.catalogue import CATALOGUE, Entry, Verdict
 from ukf_sw.driver import Driver
 from ukf_sw.errors import UkfError
-from ukf_sw.filter import Backend
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.parameters import UkfParams
 from ukf_sw.reference import ReferenceUkf

@@ -17,8 +17,8 @@ import numpy as np
 from ukf_sim.apps.figures import make_figure, save
 from ukf_sim.apps.runner import describe_verdict
 from ukf_sim.apps.workers import check_workers, mapper
+from ukf_sw.backends import Backend
 from ukf_sw.catalogue import CATALOGUE, SWAMPSAT_STUDY, Verdict
-from ukf_sw.filter import Backend
 from ukf_sw.systems.swampsat.flight import SETTINGS, Flight, SwampsatSettings, simulate
 from ukf_sw.systems.swampsat.link import LinkSettings
 from ukf_sw.systems.swampsat.platform import PlatformSettings, run_platform

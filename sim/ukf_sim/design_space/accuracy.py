@@ -9,9 +9,9 @@ import numpy as np
 
 from ukf_sim.configurations import CONFIGURATIONS, Problem
 from ukf_sim.running import SETTLED, run_problem
+from ukf_sw.backends import Backend
 from ukf_sw.catalogue import CATALOGUE
 from ukf_sw.driver import Driver
-from ukf_sw.filter import Backend
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.parameters import UkfParams
 from ukf_sw.reference import ReferenceUkf

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.backends import Backend
 from ukf_sw.errors import UkfError
-from ukf_sw.filter import Backend
 from ukf_sw.parameters import UkfParams
 from ukf_sw.scenario import run
 from ukf_sw.systems.nanosat import attitude_error

@@ -28,7 +28,7 @@ from ukf_sw.systems.nanosat import NANOSAT
 __all__ = ["MEASURED", "markdown", "measure", "run_filterpy"]
 
 #: Where the figures go.
-MEASURED = Path(__file__).parents[2] / "docs" / "measured" / "bench.json"
+MEASURED = Path(__file__).parents[3] / "docs" / "measured" / "bench.json"
 #: States of the generator's measurements; noise as in the nanosatellite, 6 observations.
 SIZES = (7, 15, 31)
 #: Processing elements of all measurements.

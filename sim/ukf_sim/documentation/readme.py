@@ -1,6 +1,6 @@
 """Tables in the documentation that derive from the code or from measurements.
 
-``python -m ukf_sim.readme`` refreshes them.
+``python -m ukf_sim.documentation.readme`` refreshes them.
 """
 
 import json
@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from types import ModuleType
 
-from ukf_sim import bench, ecp5, growth, paper_2018
-from ukf_sim.resources import MEASURED
+from ukf_sim import paper_2018
+from ukf_sim.studies import bench, growth, resources, routing
 from ukf_sw import registers
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
@@ -20,7 +20,7 @@ from ukf_sw.systems.nanosat import NANOSAT
 
 __all__ = ["DOCUMENTS", "SECTIONS", "refresh"]
 
-README = Path(__file__).parents[2] / "README.md"
+README = Path(__file__).parents[3] / "README.md"
 
 #: Numbers of processing elements of the table of cycles; the paper has all but the last.
 PES = (*paper_2018.LATENCY, 22)
@@ -50,27 +50,6 @@ def cycles() -> str:
     return "\n".join(rows) + "\n"
 
 
-def resources() -> str:
-    """Resources beside those of the paper, from the last ``make resources``."""
-    rows = [
-        "| PEs | LUT | FF | DSP48E1 | BRAM36 | logic path | 2018 paper: LUT / FF / DSP / BRAM |",
-        "|----:|----:|---:|--------:|-------:|-----------:|----------------------------------:|",
-    ]
-    record = json.loads(MEASURED.read_text(encoding="utf-8"))
-    for pes, row in record["pes"].items():
-        used = paper_2018.RESOURCES[int(pes)]
-        paper = f"{_thousands(used.lut)} / {_thousands(used.ff)} / {used.dsp} / {used.bram36:g}"
-        rows.append(
-            f"| {pes} | {row['lut']} | {row['ff']} | {row['dsp48e1']} | {row['bram36']:g} "
-            f"| {row['logic_ns']:.2f} ns | {paper} |"
-        )
-    return "\n".join([*rows, "", f"{record['configuration']}; {record['tool']}.", ""])
-
-
-#: Function that renders each generated section of the README.
-SECTIONS = {"cycles": cycles, "resources": resources, "registers": registers.markdown}
-
-
 def measured(tables: ModuleType) -> str:
     """Table of the figures that a module has measured, or who measures them."""
     if not tables.MEASURED.exists():
@@ -78,12 +57,19 @@ def measured(tables: ModuleType) -> str:
     return tables.markdown(json.loads(tables.MEASURED.read_text(encoding="utf-8")))
 
 
+#: Function that renders each generated section of the README.
+SECTIONS = {
+    "cycles": cycles,
+    "resources": partial(measured, resources),
+    "registers": registers.markdown,
+}
+
 #: Documents with generated sections.
 DOCUMENTS = {
     README: SECTIONS,
     README.parent / "docs" / "design-space.md": {
         "growth": partial(measured, growth),
-        "ecp5": partial(measured, ecp5),
+        "ecp5": partial(measured, routing),
         "bench": partial(measured, bench),
     },
 }

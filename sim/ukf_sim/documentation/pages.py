@@ -22,7 +22,7 @@ from typing import Any
 __all__ = ["PAGES", "refresh"]
 
 #: Pages with executed code.
-PAGES = (Path(__file__).parents[2] / "docs" / "own-model.md",)
+PAGES = (Path(__file__).parents[3] / "docs" / "own-model.md",)
 
 #: A block that is executed, and its output, if the page shows it.
 BLOCK = re.compile(

@@ -18,7 +18,7 @@ from ukf_sw.systems.nanosat import NANOSAT
 __all__ = ["MEASURED", "markdown", "points"]
 
 #: Where the figures go.
-MEASURED = Path(__file__).parents[2] / "docs" / "measured" / "growth.json"
+MEASURED = Path(__file__).parents[3] / "docs" / "measured" / "growth.json"
 #: States of the first study, with as many process noise terms; observations as the nanosatellite.
 STATES = range(4, 32)
 #: Processing elements at which states grow.

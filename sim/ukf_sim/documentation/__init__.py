@@ -1,0 +1,1 @@
+"""Documentation: what of it is generated, and how the site is built."""
