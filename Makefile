@@ -27,13 +27,13 @@ demo: $(STAMP) ## Generate the core with 2 PEs and co-simulate the nanosatellite
 	$(BIN)/ukf cosim --config nanosat --pes 2 --steps 20 --polling --plot build/demo/attitude.png
 
 test: $(STAMP) ## Run all tests but the exhaustive ones
-	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow"
 
 test-fast: $(STAMP) ## Run the tests that compile nothing
-	$(BIN)/python -m pytest -n $(JOBS) -m "not slow and not system"
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow and not system"
 
 test-slow: $(STAMP) ## Run everything, the exhaustive tests included
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
 	$(BIN)/ukf cosim $(or $(OPTIONS),--config nanosat --pes 2)
