@@ -67,8 +67,9 @@ build/armhf:
 baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
 	$(BIN)/ukf baseline --sysroot build/armhf --document
 
+SWEEP := --config nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat
 sweep: $(STAMP) ## Sweep processing elements and forms with synthesis; resumes, OPTIONS=... for another
-	$(BIN)/ukf sweep $(or $(OPTIONS),--config nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat)
+	$(BIN)/ukf sweep $(or $(OPTIONS),$(SWEEP))
 
 report: $(STAMP) ## Make build/report.html of the last sweep, and its figures in docs/figures
 	$(BIN)/ukf report --figures docs/figures/design-space
