@@ -1,12 +1,14 @@
 """Generated tables of the documentation."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from ukf_sim.documentation import readme
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
+README = ROOT / "README.md"
 
 
 @pytest.mark.parametrize("document", readme.DOCUMENTS, ids=lambda file: file.name)
@@ -21,3 +23,10 @@ def test_missing_markers_are_an_error(name):
     text = README.read_text(encoding="utf-8").replace(f"<!-- BEGIN GENERATED {name} -->", "")
     with pytest.raises(ValueError, match=f"^text must have the markers of the section '{name}'$"):
         readme.refresh(text)
+
+
+def test_make_sweeps_the_whole_design_space():
+    """Commas separate the arguments of functions of make."""
+    command = ["make", "--dry-run", "sweep"]
+    printed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert "--pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance" in printed
