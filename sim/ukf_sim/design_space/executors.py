@@ -88,9 +88,13 @@ def _leave_when_told(*_: object) -> None:
     raise SystemExit(1)
 
 
-def _begin() -> None:
-    """Prepare a process of the pool."""
-    signal.signal(signal.SIGTERM, _leave_when_told)
+def _attempt_in_pool(part: Part, key: str) -> dict[str, Any] | Failure:
+    """As :func:`attempt`, in a process that may be told to leave on the way."""
+    before = signal.signal(signal.SIGTERM, _leave_when_told)
+    try:
+        return attempt(part, key)
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _failure(error: BaseException) -> Failure:
@@ -132,12 +136,12 @@ class LocalExecutor:
         if not count:
             return
         # A fork would take over the threads and locks of whoever shows the progress.
-        pool = self._pool(
-            max_workers=count, context=get_context("spawn"), initializer=_begin
-        )  # fmt: skip
+        pool = self._pool(max_workers=count, context=get_context("spawn"))
         try:
             ordered = sorted(parts, key=lambda part: -part.cost)
-            futures = {pool.schedule(attempt, args=[part, part.key]): part for part in ordered}
+            futures = {
+                pool.schedule(_attempt_in_pool, args=[part, part.key]): part for part in ordered
+            }
             for future in as_completed(futures):
                 try:
                     outcome = future.result()
