@@ -7,9 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from ukf_sim.cli import app
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
 from ukf_sw.parameters import Form, Pipeline, UkfParams
@@ -17,25 +15,6 @@ from ukf_sw.systems.nanosat import NANOSAT
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
-
-
-@pytest.fixture
-def ukf(tmp_path, monkeypatch):
-    """Function that runs the command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    # Messages must come out in one piece, whatever the terminal.
-    monkeypatch.setenv("COLUMNS", "500")
-
-    def ukf(*arguments, code=0):
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-        if result.exit_code != code:
-            print(result.output)
-            if result.exception is not None and not isinstance(result.exception, SystemExit):
-                raise result.exception
-        assert result.exit_code == code
-        return result
-
-    return ukf
 
 
 def test_help_names_the_commands(ukf):

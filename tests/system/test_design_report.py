@@ -5,10 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from ukf_sim import ecp5, paper_2018, resources
-from ukf_sim.cli import app
 from ukf_sim.cli.lists import numbers
 from ukf_sim.design_report.charts import PAPER, draw, pareto
 from ukf_sim.design_report.growth import growths
@@ -75,24 +73,6 @@ def rows():
     illegal = Point(configuration="nanosat", base=NANOSAT, pes=99)
     made.append(figures(illegal, {}, {"core": "pes must be <less>"}, Conditions()))
     return made
-
-
-@pytest.fixture
-def ukf(tmp_path, monkeypatch):
-    """Function that runs the command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "500")
-
-    def ukf(*arguments, code=0):
-        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-        if result.exit_code != code:
-            print(result.output)
-            if result.exception is not None and not isinstance(result.exception, SystemExit):
-                raise result.exception
-        assert result.exit_code == code
-        return result
-
-    return ukf
 
 
 # The paper.

@@ -15,7 +15,8 @@ from ukf_sim.cli import app
 from ukf_sim.configurations import Problem
 from ukf_sim.stub_engine import StubEngine
 from ukf_sim.testbench import record, write
-from ukf_sim.vivado_check import ScriptError, check_package
+from ukf_sim.vivado.check import check_package
+from ukf_sim.vivado.ips import ScriptError
 from ukf_sw.float_format import BINARY64
 from ukf_sw.memory_map import MemoryMap
 from ukf_sw.parameters import UkfParams

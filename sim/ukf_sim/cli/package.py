@@ -37,7 +37,8 @@ def package(
         fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
     _folder(output)
     from ukf_hdl.packaging.package import package as write
-    from ukf_sim.vivado_check import ScriptError, check_package
+    from ukf_sim.vivado.check import check_package
+    from ukf_sim.vivado.ips import ScriptError
 
     with progress_bars(counted=False) as bars:
         bars.add_task("Packaging", total=None)

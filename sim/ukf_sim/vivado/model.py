@@ -1,195 +1,25 @@
-"""Running the scripts for Vivado without Vivado: a Tcl interpreter with a model of its commands.
-
-The scripts are executed by the real Tcl; commands of Vivado act on a small model of projects, IPs
-and block designs. The model knows the commands, properties, pins and interfaces that a script may
-use, from AMD's guides (UG835, UG994, PG021, PG164, PG247), and nothing else: a command, option,
-property, pin, interface or file that it does not know is an error. The core's own ports come from
-the generated Verilog, as Vivado would infer them from its attributes. At ``validate_bd_design``
-the whole design is checked: what is not connected, driven twice, in another clock domain, of the
-wrong polarity, or not addressable.
-
-That finds misspelt and forgotten things. It is no proof that Vivado accepts the scripts: **Vivado
-has not run them.**
-"""
+"""Vivado's commands, acting on a small model of projects, IPs and block designs."""
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Checked", "ScriptError", "check_package"]
-
-
-class ScriptError(Exception):
-    """A script asks for something that there is not, or leaves something undone."""
-
-
-@dataclass(kw_only=True)
-class Port:
-    """A pin of a cell: "in" or "out", and what it carries."""
-
-    direction: str
-    kind: str = "data"
-    required: bool = True
-    active_low: bool = False
-
-
-@dataclass(kw_only=True)
-class Ip:
-    """An IP of the catalogue."""
-
-    pins: dict[str, Port]
-    #: Interfaces: "master" or "slave", and the pin of their clock.
-    interfaces: dict[str, tuple[str, str]] = field(default_factory=dict)
-    #: Properties, with the values that they have at first.
-    config: dict[str, str] = field(default_factory=dict)
-    spaces: dict[str, tuple[int, int]] = field(default_factory=dict)
-    segments: dict[str, int] = field(default_factory=dict)
-    #: Pins and interfaces that exist only while properties have these values.
-    exists: dict[str, dict[str, str]] = field(default_factory=dict)
-
-
-def _clock() -> Port:
-    return Port(direction="in", kind="clock")
-
-
-_PS7 = Ip(
-    pins={
-        "FCLK_CLK0": Port(direction="out", kind="clock"),
-        "FCLK_RESET0_N": Port(direction="out", kind="reset", active_low=True),
-        "M_AXI_GP0_ACLK": _clock(),
-        "IRQ_F2P": Port(direction="in", kind="interrupt"),
-    },
-    interfaces={"M_AXI_GP0": ("master", "M_AXI_GP0_ACLK")},
-    config={
-        "PCW_USE_M_AXI_GP0": "0", "PCW_EN_CLK0_PORT": "0", "PCW_EN_RST0_PORT": "0",
-        "PCW_FPGA0_PERIPHERAL_FREQMHZ": "50", "PCW_USE_FABRIC_INTERRUPT": "0",
-        "PCW_IRQ_F2P_INTR": "0",
-    },
-    # The window of M_AXI_GP0 (UG585, system address map).
-    spaces={"Data": (0x4000_0000, 0x7FFF_FFFF)},
-    exists={
-        "M_AXI_GP0": {"PCW_USE_M_AXI_GP0": "1"},
-        "M_AXI_GP0_ACLK": {"PCW_USE_M_AXI_GP0": "1"},
-        "FCLK_CLK0": {"PCW_EN_CLK0_PORT": "1"},
-        "FCLK_RESET0_N": {"PCW_EN_RST0_PORT": "1"},
-        "IRQ_F2P": {"PCW_USE_FABRIC_INTERRUPT": "1", "PCW_IRQ_F2P_INTR": "1"},
-    },
-)  # fmt: skip
-_RESET = Ip(
-    pins={
-        "slowest_sync_clk": _clock(),
-        "ext_reset_in": Port(direction="in", kind="reset", active_low=True),
-        "aux_reset_in": Port(direction="in", kind="reset", required=False),
-        "mb_debug_sys_rst": Port(direction="in", kind="reset", required=False),
-        "dcm_locked": Port(direction="in", required=False),
-        "mb_reset": Port(direction="out", kind="reset"),
-        "bus_struct_reset": Port(direction="out", kind="reset"),
-        "peripheral_reset": Port(direction="out", kind="reset"),
-        "interconnect_aresetn": Port(direction="out", kind="reset", active_low=True),
-        "peripheral_aresetn": Port(direction="out", kind="reset", active_low=True),
-    }
+from ukf_sim.vivado.ips import (
+    BOARD_PARTS,
+    CATALOGUE,
+    PARTS,
+    PS7,
+    Ip,
+    Port,
+    ScriptError,
+    core_of_verilog,
 )
-_SMARTCONNECT = Ip(
-    pins={"aclk": _clock(), "aresetn": Port(direction="in", kind="reset", active_low=True)},
-    interfaces={"S00_AXI": ("slave", "aclk"), "M00_AXI": ("master", "aclk")},
-    config={"NUM_SI": "1", "NUM_MI": "1"},
-)
-_CATALOGUE = {
-    "xilinx.com:ip:processing_system7:5.5": _PS7,
-    "xilinx.com:ip:proc_sys_reset:5.0": _RESET,
-    "xilinx.com:ip:smartconnect:1.0": _SMARTCONNECT,
-}
-#: Board files that are supposed to be installed.
-_BOARD_PARTS = {
-    "avnet.com:zedboard:part0:1.4": "xc7z020clg484-1",
-    "tul.com.tw:pynq-z2:part0:1.0": "xc7z020clg400-1",
-}
-_PARTS = frozenset(_BOARD_PARTS.values())
-#: Signals of AXI4-Lite that a slave must have.
-_AXI = frozenset(
-    [
-        "AWADDR",
-        "AWVALID",
-        "AWREADY",
-        "WDATA",
-        "WSTRB",
-        "WVALID",
-        "WREADY",
-        "BRESP",
-        "BVALID",
-        "BREADY",
-        "ARADDR",
-        "ARVALID",
-        "ARREADY",
-        "RDATA",
-        "RRESP",
-        "RVALID",
-        "RREADY",
-    ]
-)
+from ukf_sim.vivado.options import OPTIONS
 
-
-def _core_of_verilog(text: str, name: str) -> Ip:
-    """Pins and interfaces of the core, as its Verilog has them."""
-    module = re.search(rf"^module {name}\((.*?)\);(.*?)^endmodule", text, re.S | re.M)
-    if module is None:
-        raise ScriptError(f"the Verilog must have the module {name}")
-    ports = re.findall(
-        r"((?:^  \(\* .*? \*\)\n)*)^  (input|output) (?:reg )?(?:\[\d+:0\] )?(\w+);",
-        module[2], re.M,
-    )  # fmt: skip
-    pins: dict[str, Port] = {}
-    roles: dict[str, set[str]] = {}
-    clock_of: dict[str, str] = {}
-    for attributes, direction, port in ports:
-        values = dict(re.findall(r'\(\* (\w+) = "(.*?)" \*\)', attributes))
-        info = re.fullmatch(r"xilinx\.com:(\w+):(\w+):1\.0 (\w+) (\w+)", values["X_INTERFACE_INFO"])
-        if info is None:
-            raise ScriptError(f"{port}: X_INTERFACE_INFO must name an interface")
-        _, kind, interface, role = info.groups()
-        more = values.get("X_INTERFACE_PARAMETER", "")
-        if kind == "aximm":
-            roles.setdefault(interface, set()).add(role)
-            continue
-        pins[port] = Port(
-            direction="in" if direction == "input" else "out",
-            kind=kind,
-            active_low="ACTIVE_LOW" in more,
-        )
-        for bus in re.findall(r"ASSOCIATED_BUSIF (\w+)", more):
-            clock_of[bus] = port
-    for bus, found in roles.items():
-        if _AXI - found:
-            raise ScriptError(f"{bus} must have {sorted(_AXI - found)}")
-        if bus not in clock_of:
-            raise ScriptError(f"{bus} must have a clock")
-    return Ip(pins=pins, interfaces={bus: ("slave", clock_of[bus]) for bus in roles})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Checked:
-    """What was found.
-
-    Parameters
-    ----------
-    commands
-        Number of Vivado's commands that ran.
-    cells
-        Cells of the block design.
-    address, size
-        Where the processor finds the core.
-    clock_mhz
-        Its clock, from the processor.
-    """
-
-    commands: int
-    cells: tuple[str, ...]
-    address: int
-    size: int
-    clock_mhz: float
+__all__ = ["Vivado"]
 
 
 @dataclass
@@ -201,7 +31,7 @@ class _Arguments:
     flags: set[str]
 
 
-class _Vivado:
+class Vivado:
     """The model."""
 
     def __init__(self, folder: Path) -> None:
@@ -217,7 +47,7 @@ class _Vivado:
         self.board_part = ""
         self.added: dict[str, Path] = {}
         self.top = ""
-        self.catalogue = dict(_CATALOGUE)
+        self.catalogue = dict(CATALOGUE)
         self.packaged: dict[str, Any] = {}
         self.design = ""
         self.cells: dict[str, tuple[Ip, dict[str, str]]] = {}
@@ -248,7 +78,7 @@ class _Vivado:
         self.tcl.createcommand("model_file", self._file)
 
     def _counted(self, name: str, handler: Callable[[_Arguments], Any]) -> Callable[..., str]:
-        valued, flags = _OPTIONS[name]
+        valued, flags = OPTIONS[name]
 
         def call(*words: Any) -> str:
             self.commands += 1
@@ -310,7 +140,7 @@ class _Vivado:
 
     def do_create_project(self, a: _Arguments) -> None:
         self.part = a.options.get("-part", "")
-        if self.part not in _PARTS:
+        if self.part not in PARTS:
             raise ScriptError(f"there is no part {self.part!r}")
         if self.project is not None:
             raise ScriptError(f"the project {self.project} is still open")
@@ -341,7 +171,7 @@ class _Vivado:
 
     def _constrain(self, path: Path) -> None:
         """Read constraints: their ports must be ports of the core."""
-        core = _core_of_verilog((self.folder / "rtl" / "ukf_core.v").read_text(), "ukf_core")
+        core = core_of_verilog((self.folder / "rtl" / "ukf_core.v").read_text(), "ukf_core")
         for line in path.read_text(encoding="utf-8").splitlines():
             if not line or line.startswith("#"):
                 continue
@@ -361,7 +191,7 @@ class _Vivado:
             raise ScriptError(f"there is no fileset {a.options.get('-fileset')}")
 
     def do_get_board_parts(self, a: _Arguments) -> str:
-        return " ".join(part for part in _BOARD_PARTS if fnmatch(part, a.plain[0]))
+        return " ".join(part for part in BOARD_PARTS if fnmatch(part, a.plain[0]))
 
     def do_update_ip_catalog(self, a: _Arguments) -> None:
         self._open_project()
@@ -384,7 +214,7 @@ class _Vivado:
         self.packaged = {
             "root": a.options["-root_dir"], "vendor": a.options["-vendor"],
             "library": a.options["-library"], "maps": {}, "blocks": {}, "range": 0,
-            "ip": _core_of_verilog(sources[0].read_text(encoding="utf-8"), self.top),
+            "ip": core_of_verilog(sources[0].read_text(encoding="utf-8"), self.top),
         }  # fmt: skip
 
     def do_ipx__current_core(self, a: _Arguments) -> str:
@@ -468,7 +298,7 @@ class _Vivado:
                 raise ScriptError(f"{what} has no property {name}")
             config[key] = value
         elif what == "project" and name == "board_part":
-            if _BOARD_PARTS.get(value) != self.part:
+            if BOARD_PARTS.get(value) != self.part:
                 raise ScriptError(f"the board {value} does not have the part {self.part}")
             self.board_part = value
         elif what == "project" and name == "ip_repo_paths":
@@ -531,7 +361,7 @@ class _Vivado:
             "Master": "Disable", "Slave": "Disable",
         }:  # fmt: skip
             raise ScriptError(f"the rule does not know {config}")
-        if self.cells.get(a.plain[0], (None,))[0] is not _PS7:
+        if self.cells.get(a.plain[0], (None,))[0] is not PS7:
             raise ScriptError(f"{a.plain[0]} is no processing system")
         self.preset = True
 
@@ -703,94 +533,3 @@ class _Vivado:
 
     def do_write_hw_platform(self, a: _Arguments) -> None:
         self.outputs.add(Path(a.options["-file"]).name)
-
-
-def _options(valued: str = "", flags: str = "") -> tuple[frozenset[str], frozenset[str]]:
-    return frozenset(valued.split()), frozenset(flags.split())
-
-
-#: Options of the commands: those with a value, those without.
-_OPTIONS = {
-    "create_project": _options("-part", "-force -in_memory"),
-    "close_project": _options(),
-    "current_project": _options(),
-    "current_fileset": _options(),
-    "add_files": _options("-fileset", "-norecurse"),
-    "get_files": _options(),
-    "update_compile_order": _options("-fileset"),
-    "get_board_parts": _options("", "-quiet"),
-    "update_ip_catalog": _options(),
-    "ipx::package_project": _options(
-        "-root_dir -vendor -library -taxonomy -set_current", "-import_files -force"
-    ),
-    "ipx::current_core": _options(),
-    "ipx::get_bus_interfaces": _options("-of_objects"),
-    "ipx::associate_bus_interfaces": _options("-busif -clock"),
-    "ipx::get_memory_maps": _options("-of_objects"),
-    "ipx::add_memory_map": _options(),
-    "ipx::get_address_blocks": _options("-of_objects"),
-    "ipx::add_address_block": _options(),
-    "ipx::create_xgui_files": _options(),
-    "ipx::update_checksums": _options(),
-    "ipx::check_integrity": _options(),
-    "ipx::save_core": _options(),
-    "set_property": _options("-dict"),
-    "get_property": _options(),
-    "create_bd_design": _options(),
-    "create_bd_cell": _options("-type -vlnv"),
-    "apply_bd_automation": _options("-rule -config"),
-    "get_bd_pins": _options(),
-    "get_bd_intf_pins": _options(),
-    "get_bd_addr_spaces": _options(),
-    "get_bd_addr_segs": _options(),
-    "connect_bd_net": _options(),
-    "connect_bd_intf_net": _options(),
-    "assign_bd_address": _options("-offset -range -target_address_space", "-force"),
-    "validate_bd_design": _options(),
-    "save_bd_design": _options(),
-    "make_wrapper": _options("-files", "-top"),
-    "generate_target": _options(),
-    "launch_runs": _options("-to_step -jobs"),
-    "wait_on_runs": _options(),
-    "get_runs": _options(),
-    "open_run": _options(),
-    "report_utilization": _options("-file", "-hierarchical"),
-    "report_timing_summary": _options("-file"),
-    "report_power": _options("-file"),
-    "get_timing_paths": _options("-max_paths -delay_type"),
-    "write_hw_platform": _options("-file", "-fixed -include_bit -force"),
-}
-
-
-def check_package(folder: Path) -> Checked:
-    """Run the scripts of a package against the model.
-
-    Parameters
-    ----------
-    folder
-        What :func:`ukf_hdl.packaging.package.package` wrote.
-
-    Returns
-    -------
-    Checked
-
-    Raises
-    ------
-    ScriptError
-        At the first thing that is wrong.
-    ModuleNotFoundError
-        If Python has no tkinter, whose Tcl interpreter this needs (Debian: python3-tk).
-    """
-    model = _Vivado(folder)
-    model.run(folder / "vivado" / "build.tcl")
-    if not {f"{model.design}.bit", f"{model.design}.hwh", f"{model.design}.xsa"} <= model.outputs:
-        raise ScriptError(f"build.tcl must end with bit, hwh and xsa, not {sorted(model.outputs)}")
-    ((address, size),) = model.addresses.values()
-    (processor,) = (config for ip, config in model.cells.values() if ip is _PS7)
-    return Checked(
-        commands=model.commands,
-        cells=tuple(name.lstrip("/") for name in model.cells),
-        address=address,
-        size=size,
-        clock_mhz=float(processor["PCW_FPGA0_PERIPHERAL_FREQMHZ"]),
-    )
