@@ -3,36 +3,24 @@
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from ukf_sim.apps import document, numerics, runner, swampsat, timing
 from ukf_sim.apps.convert import convert_inertial, convert_odometry
 from ukf_sim.cli import console
-from ukf_sim.cli.apps import apps_app
 from ukf_sw import catalogue, data
 from ukf_sw.errors import NotFiniteError
 from ukf_sw.registers import Step
 
 
 @pytest.fixture
-def apps(tmp_path, monkeypatch):
-    """Function that runs the command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    # Messages must come out in one piece, whatever the terminal.
-    monkeypatch.setenv("COLUMNS", "500")
-
-    def apps(*arguments, code=0):
-        result = CliRunner().invoke(apps_app, [str(argument) for argument in arguments])
-        if result.exit_code != code and not isinstance(result.exception, SystemExit | None):
-            raise result.exception
-        assert result.exit_code == code, result.output
-        return result
-
-    return apps
+def apps(ukf):
+    """Function that runs `ukf apps` in an empty folder."""
+    return partial(ukf, "apps")
 
 
 @pytest.fixture

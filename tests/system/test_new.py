@@ -5,12 +5,11 @@ import importlib
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from ukf_sim.cli import app
 from ukf_sim.project import TEMPLATES, check_name
 from ukf_sim.scenarios import cosimulate_scenario
 from ukf_sw.parameters import Noise, UkfParams
@@ -19,17 +18,9 @@ from ukf_sw.systems.pendulum import pendulum
 
 
 @pytest.fixture
-def new(tmp_path, monkeypatch):
+def new(ukf):
     """Function that runs `ukf new` in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "500")
-
-    def new(*arguments, code=0):
-        result = CliRunner().invoke(app, ["new", *map(str, arguments)])
-        assert result.exit_code == code, result.output
-        return result
-
-    return new
+    return partial(ukf, "new")
 
 
 SIZES = [
