@@ -16,6 +16,7 @@ from ukf_sim.cli.console import (
     fail,
     messages,
     number,
+    print_files,
     print_json,
     progress_teller,
     results,
@@ -289,7 +290,7 @@ def convert(
         fail(f"{source}: {error.strerror or error}", 1)
     except ValueError as error:
         fail(str(error), 1)
-    results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files([file])
 
 
 @apps_app.command("numerics")

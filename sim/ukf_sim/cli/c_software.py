@@ -6,8 +6,25 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
-from ukf_sim.cli.options import COSIM, DATA, Core, P0Option, SeedOption, with_core
+from ukf_sim.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    print_files,
+    print_json,
+    progress_bars,
+    results,
+)
+from ukf_sim.cli.options import (
+    COSIM,
+    DATA,
+    BusLatencyOption,
+    Core,
+    InterruptOption,
+    P0Option,
+    SeedOption,
+    with_core,
+)
 from ukf_sim.configurations import Problem
 
 __all__ = ["c_arm", "c_loop", "export"]
@@ -46,11 +63,7 @@ def export(
             files = export_scenario(problem.scenario(steps), steps, output)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
-    if as_json:
-        print_json({"files": [str(file) for file in files]})
-        return
-    for file in files:
-        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files(files, as_json=as_json)
 
 
 @with_core
@@ -59,21 +72,8 @@ def c_loop(
     steps: StepsOption = 1000,
     seed: SeedOption = 0,
     p0: P0Option = 1.0,
-    interrupt: Annotated[
-        bool,
-        typer.Option(
-            "--interrupt/--polling", help="How the driver waits for a step.", rich_help_panel=COSIM
-        ),
-    ] = True,
-    bus_latency: Annotated[
-        float,
-        typer.Option(
-            "--bus-latency",
-            min=0.0,
-            help="Clocks that a bus word takes at least, on average.",
-            rich_help_panel=COSIM,
-        ),
-    ] = 0.0,
+    interrupt: InterruptOption = True,
+    bus_latency: BusLatencyOption = 0.0,
     beside_cocotb: Annotated[
         int,
         typer.Option(

@@ -2,8 +2,9 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -17,6 +18,7 @@ __all__ = [
     "fail",
     "messages",
     "number",
+    "print_files",
     "print_json",
     "progress_bars",
     "progress_teller",
@@ -50,6 +52,15 @@ def checked() -> Iterator[None]:
 def print_json(record: Any) -> None:
     """Print a record for machines."""
     sys.stdout.write(json.dumps(record, indent=2) + "\n")
+
+
+def print_files(files: Iterable[Path], *, as_json: bool = False) -> None:
+    """Print files that were written, with their sizes."""
+    if as_json:
+        print_json({"files": [str(file) for file in files]})
+        return
+    for file in files:
+        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
 
 
 @contextmanager

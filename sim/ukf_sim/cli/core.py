@@ -6,7 +6,15 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
+from ukf_sim.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    print_files,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_sim.cli.options import Core, with_core
 
 __all__ = ["generate", "latency"]
@@ -56,11 +64,7 @@ def generate(
                 )
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
-    if as_json:
-        print_json({"files": [str(file) for file in files]})
-        return
-    for file in files:
-        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files(files, as_json=as_json)
 
 
 @with_core

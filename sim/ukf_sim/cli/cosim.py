@@ -10,7 +10,17 @@ from rich.table import Table
 
 from ukf_sim.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
 from ukf_sim.cli.judgement import print_accuracy, print_stop
-from ukf_sim.cli.options import COSIM, DATA, Core, P0Option, PlotOption, SeedOption, with_core
+from ukf_sim.cli.options import (
+    COSIM,
+    DATA,
+    BusLatencyOption,
+    Core,
+    InterruptOption,
+    P0Option,
+    PlotOption,
+    SeedOption,
+    with_core,
+)
 from ukf_sim.configurations import Problem
 
 __all__ = ["cosim"]
@@ -35,22 +45,8 @@ def cosim(
     simulator: Annotated[
         SimulatorName, typer.Option("--simulator", help="Simulator.", rich_help_panel=COSIM)
     ] = SimulatorName.VERILATOR,
-    interrupt: Annotated[
-        bool,
-        typer.Option(
-            "--interrupt/--polling", help="How the driver waits for a step.", rich_help_panel=COSIM
-        ),
-    ] = True,
-    bus_latency: Annotated[
-        float,
-        typer.Option(
-            "--bus-latency",
-            min=0.0,
-            rich_help_panel=COSIM,
-            help="Clocks that a bus word takes at least, on average; 0: as few as the "
-            "core needs; 15.6: the bus of the 2018 paper.",
-        ),
-    ] = 0.0,
+    interrupt: InterruptOption = True,
+    bus_latency: BusLatencyOption = 0.0,
     cache: Annotated[
         Path,
         typer.Option("--cache", help="Folder of compiled cores.", rich_help_panel=COSIM),

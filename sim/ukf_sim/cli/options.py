@@ -19,7 +19,9 @@ __all__ = [
     "CORE",
     "COSIM",
     "DATA",
+    "BusLatencyOption",
     "Core",
+    "InterruptOption",
     "P0Option",
     "PlotOption",
     "SeedOption",
@@ -82,6 +84,22 @@ SeedOption = Annotated[
 ]
 P0Option = Annotated[
     float, typer.Option("--p0", help="First variance of every state.", rich_help_panel=DATA)
+]
+InterruptOption = Annotated[
+    bool,
+    typer.Option(
+        "--interrupt/--polling", help="How the driver waits for a step.", rich_help_panel=COSIM
+    ),
+]
+BusLatencyOption = Annotated[
+    float,
+    typer.Option(
+        "--bus-latency",
+        min=0.0,
+        rich_help_panel=COSIM,
+        help="Clocks that a bus word takes at least, on average; 0: as few as the "
+        "core needs; 15.6: the bus of the 2018 paper.",
+    ),
 ]
 PlotOption = Annotated[
     Path | None, typer.Option("--plot", help="Image of the errors.", rich_help_panel=DATA)

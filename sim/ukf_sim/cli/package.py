@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ukf_hdl.packaging.boards import BOARDS
-from ukf_sim.cli.console import JsonOption, fail, print_json, progress_bars, results
+from ukf_sim.cli.console import JsonOption, fail, print_files, print_json, progress_bars, results
 from ukf_sim.cli.options import Core, SeedOption, with_core
 
 __all__ = ["package", "write_testbench"]
@@ -57,8 +57,7 @@ def package(
             "checked": None if checked is None else vars(checked),
         })  # fmt: skip
         return
-    for file in files:
-        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files(files)
     if checked is not None:
         results.print(
             f"Scripts: {checked.commands} commands on a model of Vivado, no mistake found; "
@@ -92,8 +91,4 @@ def write_testbench(
         fail(str(error))
     except OSError as error:
         fail(f"{output}: {error.strerror}", 1)
-    if as_json:
-        print_json({"files": [str(file) for file in files]})
-        return
-    for file in files:
-        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files(files, as_json=as_json)

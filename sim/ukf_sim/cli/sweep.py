@@ -9,7 +9,16 @@ import typer
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ukf_sim.cli.console import JsonOption, checked, fail, messages, number, print_json, results
+from ukf_sim.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    messages,
+    number,
+    print_files,
+    print_json,
+    results,
+)
 from ukf_sim.cli.lists import numbers, pick, split
 from ukf_sim.cli.options import BUILD, CORE, DATA, parse_format
 from ukf_sim.configurations import CONFIGURATIONS
@@ -339,5 +348,4 @@ def report(
     if as_json:
         print_json({"files": [str(file) for file in files], "points": len(rows)})
         return
-    for file in files:
-        results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
+    print_files(files)
