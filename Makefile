@@ -45,24 +45,24 @@ figures: apps ## Run them, and put tables and figures into docs/applications.md
 	$(BIN)/ukf apps document
 
 formal: $(STAMP) ## Prove the properties of the bus and control logic
-	$(BIN)/python -m ukf_sim.formal
+	$(BIN)/python -m support.formal
 
 mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 	$(BIN)/python tests/mutants/run.py
 
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
-	$(BIN)/python -m ukf_sim.studies.resources
+	$(BIN)/python -m ukf_docs.studies.resources
 
 package-check: $(STAMP) ## Package the core for both boards, and check the scripts
 	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
 	$(BIN)/ukf package --config nanosat --pes 2 --board pynq-z2 --output build/package/pynq-z2
 
 fusesoc: $(STAMP) ## Lint and simulate the core through FuseSoC
-	$(BIN)/python -m ukf_sim.fusesoc run --build-root build/fusesoc --target=lint ukf::ukf_core
-	$(BIN)/python -m ukf_sim.fusesoc run --build-root build/fusesoc --target=sim ukf::ukf_core
+	$(BIN)/python tools/fusesoc/run.py run --build-root build/fusesoc --target=lint ukf::ukf_core
+	$(BIN)/python tools/fusesoc/run.py run --build-root build/fusesoc --target=sim ukf::ukf_core
 
 build/armhf:
-	sw/baseline/fetch-gsl.sh $@
+	tools/ukf_tools/baseline/c/fetch-gsl.sh $@
 
 baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
 	$(BIN)/ukf baseline --sysroot build/armhf --document
@@ -75,17 +75,17 @@ report: $(STAMP) ## Make build/report.html of the last sweep, and its figures in
 	$(BIN)/ukf report --figures docs/figures/design-space
 
 growth: $(STAMP) ## Note how cycles grow with states and processing elements
-	$(BIN)/python -m ukf_sim.studies.growth
+	$(BIN)/python -m ukf_docs.studies.growth
 
 ecp5: $(STAMP) ## Place and route for ECP5, a proxy for routed timing, and note it (slow)
-	$(BIN)/python -m ukf_sim.studies.routing
+	$(BIN)/python -m ukf_docs.studies.routing
 
 bench: $(STAMP) ## Measure the speed of simulation, models, generator and sweeps, and note it
-	$(BIN)/python -m ukf_sim.studies.bench
+	$(BIN)/python -m ukf_docs.studies.bench
 
 readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
-	$(BIN)/python -m ukf_sim.documentation.readme
-	$(BIN)/python -m ukf_sim.documentation.pages
+	$(BIN)/python -m ukf_docs.sections
+	$(BIN)/python -m ukf_docs.pages
 
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
@@ -115,7 +115,7 @@ zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated AR
 lint: $(STAMP) ## Check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 
 format: $(STAMP) ## Format the code
 	$(BIN)/ruff format .

@@ -11,16 +11,16 @@ from amaranth.back import verilog
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from ukf_hdl.control import reset_value
-from ukf_hdl.core import UkfCore
+from ukf_hdl.core.control import reset_value
+from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.interfaces.c_header import core_header, registers_header
 from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Pipeline, UkfParams
-from ukf_sw.registers import DATA_WIDTH, REGISTERS
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_sw.spec.registers import DATA_WIDTH, REGISTERS
 
 __all__ = [
     "BASE_ADDRESS",
@@ -119,7 +119,7 @@ def description(core: UkfCore) -> dict:
     """Describe a core: versions, parameters, registers and regions.
 
     Offsets, positions and widths of the registers are those that the hardware has; names and
-    meanings are those of :mod:`ukf_sw.registers`.
+    meanings are those of :mod:`ukf_sw.spec.registers`.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from cocotb.task import resume
 from cocotb.triggers import ClockCycles, First, RisingEdge, Timer
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
 
-from ukf_sw.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.errors import BusError
 
 __all__ = ["ALL_BYTES", "CLOCK_HZ", "Answer", "CoreBench", "CosimBus", "Request"]

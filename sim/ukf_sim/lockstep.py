@@ -5,12 +5,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from ukf_sim.bus import Answer, CosimBus, Request
-from ukf_sw.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.registers import CONTROL, REGISTERS, STATUS, Step
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.registers import CONTROL, REGISTERS, STATUS, Step
 
 __all__ = ["LockstepBus", "MismatchError"]
 

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from ukf_sim.cosimulation import CACHE, Context, Job, cosimulate, step_timeout
 from ukf_sim.lockstep import MismatchError
+from ukf_sim.session import CACHE, Context, Job, cosimulate, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
-from ukf_sw.bus import Addresses, Words
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = ["RemoteBus", "make_backend", "serve"]
 

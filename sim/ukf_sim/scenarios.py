@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ukf_sim.cosimulation import CACHE, Job, cosimulate
+from ukf_sim.session import CACHE, Job, cosimulate
 from ukf_sim.simulators import Simulator
-from ukf_sw.parameters import Pipeline
-from ukf_sw.scenario import Results, Scenario
+from ukf_sw.problems.scenario import Results, Scenario
+from ukf_sw.spec.parameters import Pipeline
 
 __all__ = ["Cosimulation", "cosimulate_scenario"]
 
@@ -36,13 +36,14 @@ class Cosimulation:
     mismatch
         What differed first from the golden model, or None.
     stopped
-        Error of the core that ended the run, as :func:`ukf_sim.running.describe` gives it, or None.
+        Error of the core that ended the run, as
+        :func:`ukf_sw.problems.judging.describe` gives it, or None.
     words_compared
         Words that were compared with the golden model's.
     cycles
         Clocks of each step of the last iteration with an update, as the core counted them.
     traffic
-        Words on the bus of that iteration, as :class:`ukf_sw.driver.Traffic` names them.
+        Words on the bus of that iteration, as :class:`ukf_sw.drivers.driver.Traffic` names them.
     """
 
     steps: int
@@ -99,9 +100,9 @@ def cosimulate_scenario(
     steps
         How many steps.
     pipeline, interrupt, word_clocks
-        As :class:`ukf_sim.cosimulation.Job` takes them.
+        As :class:`ukf_sim.session.Job` takes them.
     simulator, cache, optimise, progress
-        As :func:`ukf_sim.cosimulation.cosimulate` takes them.
+        As :func:`ukf_sim.session.cosimulate` takes them.
 
     Raises
     ------

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ukf_sim.configurations import Problem
-from ukf_sim.cosimulation import Context
 from ukf_sim.lockstep import MismatchError
-from ukf_sim.running import describe, iterate
+from ukf_sim.session import Context
 from ukf_sw.errors import StepError
-from ukf_sw.scenario import Scenario
+from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.judging import describe, iterate
+from ukf_sw.problems.scenario import Scenario
 
 __all__ = ["run_problem", "run_scenario"]
 

@@ -6,11 +6,11 @@ The testbench makes the same accesses to the Verilog and compares every word it 
 
 from pathlib import Path
 
-from ukf_sim.configurations import Problem
-from ukf_sim.running import run_problem
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
+from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.judging import run_problem
+from ukf_sw.spec.memory_map import MemoryMap
 
 __all__ = ["NAME", "record", "write"]
 

@@ -3,7 +3,7 @@
  * @brief Driver of the core: registers, words and steps. ukf_filter.h has the filter above it.
  *
  * The sequence of accesses, the checks and the errors are those of the Python driver
- * (sw/ukf_sw/driver.py). Nothing is allocated and nothing is global: one driver is one struct, and
+ * (sw/ukf_sw/drivers/driver.py). Nothing is allocated and nothing is global: one driver is one struct, and
  * any number of them, for cores of different sizes, may exist.
  */
 #ifndef UKF_DRIVER_H

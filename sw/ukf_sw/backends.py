@@ -23,8 +23,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import UkfParams
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import UkfParams
 
 # What is slow to import, or needs more than NumPy, is imported by the backends that need it.
 
@@ -41,8 +41,9 @@ Mask = NDArray[np.bool_]
 class Backend(Protocol):
     """What computes the steps of a filter.
 
-    :class:`ukf_sw.reference.ReferenceUkf` and :class:`ukf_sw.driver.Driver` are backends. Arguments
-    have been checked when they arrive here. A step that raises leaves the estimate as it was.
+    :class:`ukf_sw.reference.ReferenceUkf` and :class:`ukf_sw.drivers.driver.Driver` are backends.
+    Arguments have been checked when they arrive here. A step that raises leaves the estimate as
+    it was.
     """
 
     @property
@@ -107,7 +108,7 @@ def _reference(params: UkfParams, where: str) -> Backend:
 
 
 def _golden(params: UkfParams, where: str) -> Backend:
-    from ukf_sw.driver import Driver
+    from ukf_sw.drivers.driver import Driver
     from ukf_sw.golden import GoldenBus, GoldenCore
 
     _nothing("golden", where)
@@ -120,8 +121,8 @@ def _nothing(name: str, where: str) -> None:
 
 
 def _uio(params: UkfParams, where: str) -> Backend:
-    from ukf_sw.driver import Driver
-    from ukf_sw.uio import UioBus
+    from ukf_sw.drivers.driver import Driver
+    from ukf_sw.drivers.uio import UioBus
 
     if not where:
         raise ValueError("backend must be 'uio:' and a number or name, not 'uio'")
@@ -130,8 +131,8 @@ def _uio(params: UkfParams, where: str) -> Backend:
 
 
 def _pynq(params: UkfParams, where: str) -> Backend:
-    from ukf_sw.driver import Driver
-    from ukf_sw.pynq_bus import PynqBus
+    from ukf_sw.drivers.driver import Driver
+    from ukf_sw.drivers.pynq_bus import PynqBus
 
     text, _, pin = where.partition(",")
     try:

@@ -23,12 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.backends import make_backend
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import UkfError
-from ukf_sw.parameters import Noise
+from ukf_sw.problems.scenario import Results, Scenario, run
+from ukf_sw.problems.systems.nanosat import nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.scenario import Results, Scenario, run
-from ukf_sw.systems.nanosat import nanosat, nanosat_2014
+from ukf_sw.spec.parameters import Noise
 
 __all__ = ["compare", "main"]
 

@@ -5,7 +5,7 @@ Wrong arguments are not among them: those are the usual TypeError and ValueError
 
 from typing import Any
 
-from ukf_sw.registers import Step
+from ukf_sw.spec.registers import Step
 
 __all__ = [
     "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",

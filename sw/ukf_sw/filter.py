@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from ukf_sw.backends import Backend, make_backend
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.models import CheckedModel, ObservationModel, ProcessModel, wrap
-from ukf_sw.parameters import Form, UkfParams
+from ukf_sw.spec.parameters import Form, UkfParams
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -114,7 +114,7 @@ class UnscentedKalmanFilter:
     backend
         What computes: "reference" (float64, the papers' equations), "golden" (the software model
         of the core, every bit as in hardware), or an object such as a
-        :class:`ukf_sw.driver.Driver` of a core.
+        :class:`ukf_sw.drivers.driver.Driver` of a core.
     vectorized
         Whether the models take all sigma points at once.
     redraw

@@ -9,14 +9,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.bus import Addresses, WordCodec, Words
+from ukf_sw.drivers.bus import Addresses, WordCodec, Words
 from ukf_sw.engine.interpreter import Interpreter, RunResult
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import (
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
     CYCLES,

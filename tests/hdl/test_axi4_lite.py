@@ -4,9 +4,9 @@ from itertools import pairwise
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl import axi4_lite
-from ukf_hdl.axi4_lite import AccessSignature, AxiLiteSubordinate, Response
-from ukf_sim.axi4_lite_bench import AxiLiteManager, check_axi4_lite
+from support.axi4_lite_bench import AxiLiteManager, check_axi4_lite
+from ukf_hdl.core import axi4_lite
+from ukf_hdl.core.axi4_lite import AccessSignature, AxiLiteSubordinate, Response
 
 ADDR_WIDTH = 8
 

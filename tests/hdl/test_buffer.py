@@ -4,13 +4,13 @@ import pytest
 from amaranth import Module
 from amaranth.sim import Simulator
 
-from ukf_hdl.buffer import Buffer
-from ukf_sim.axi4_lite_bench import AccessManager
-from ukf_sim.stub_engine import StubEngine
+from support.axi4_lite_bench import AccessManager
+from support.stub_engine import StubEngine
+from ukf_hdl.core.buffer import Buffer
 from ukf_sw.engine.layout import Layout
-from ukf_sw.float_format import BINARY16, BINARY64, FloatFormat
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.float_format import BINARY16, BINARY64, FloatFormat
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
 ADDITIVE = {"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}
 SHAPES = [

@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl.control import Control
-from ukf_sim.axi4_lite_bench import AccessManager
-from ukf_sw import registers
+from support.axi4_lite_bench import AccessManager
+from ukf_hdl.core.control import Control
 from ukf_sw.engine.programs import Program
-from ukf_sw.float_format import BINARY16, BINARY64
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, UkfParams
-from ukf_sw.registers import (
+from ukf_sw.spec import registers
+from ukf_sw.spec.float_format import BINARY16, BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
     CYCLES,

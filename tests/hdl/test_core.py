@@ -5,16 +5,16 @@ import random
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl.axi4_lite import Response
-from ukf_hdl.core import UkfCore
+from support.axi4_lite_bench import AxiLiteManager, check_axi4_lite
+from support.stub_engine import StubEngine
+from ukf_hdl.core.axi4_lite import Response
+from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import Toplevel
-from ukf_sim.axi4_lite_bench import AxiLiteManager, check_axi4_lite
-from ukf_sim.stub_engine import StubEngine
-from ukf_sw.float_format import BINARY16
 from ukf_sw.golden import GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import (
+from ukf_sw.spec.float_format import BINARY16
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import (
     CONTROL,
     CYCLES,
     ERROR,

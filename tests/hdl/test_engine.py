@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl.engine import Engine
+from ukf_hdl.core.engine import Engine
 from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.engine.microcode import STEP_OVERHEAD
 from ukf_sw.engine.programs import Program
 from ukf_sw.engine.timing import LOAD_LATENCY
-from ukf_sw.float_format import BINARY16, BINARY32, BINARY64
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import ErrorCode
+from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import ErrorCode
 
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),

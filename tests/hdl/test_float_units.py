@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl.float_adder import FloatAdder
-from ukf_hdl.float_multiplier import FloatMultiplier
-from ukf_hdl.reciprocal_sqrt import ReciprocalSqrt
-from ukf_sw import arithmetic
-from ukf_sw.float_format import BINARY32, FORMATS, FloatFormat
-from ukf_sw.reciprocal_sqrt import ReciprocalSqrtParams
+from ukf_hdl.arithmetic.float_adder import FloatAdder
+from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
+from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
+from ukf_sw.engine import arithmetic
+from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
+from ukf_sw.spec.float_format import BINARY32, FORMATS, FloatFormat
 
 SMALLEST = FloatFormat(exponent_bits=4, fraction_bits=5)
 ALL_FORMATS = {"smallest": SMALLEST, **FORMATS}

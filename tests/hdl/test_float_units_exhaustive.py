@@ -4,12 +4,12 @@ import gmpy2
 import numpy as np
 import pytest
 
-from ukf_hdl.float_adder import FloatAdder
-from ukf_hdl.float_multiplier import FloatMultiplier
-from ukf_hdl.reciprocal_sqrt import ReciprocalSqrt
-from ukf_sim.unit_harness import UnitHarness
-from ukf_sw import arithmetic
-from ukf_sw.float_format import BINARY32, FORMATS, FloatFormat
+from support.unit_harness import UnitHarness
+from ukf_hdl.arithmetic.float_adder import FloatAdder
+from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
+from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
+from ukf_sw.engine import arithmetic
+from ukf_sw.spec.float_format import BINARY32, FORMATS, FloatFormat
 
 pytestmark = pytest.mark.slow
 

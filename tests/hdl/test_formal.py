@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim.formal import PROOFS, BusBench, prove, prove_structure
+from support.formal import PROOFS, BusBench, prove, prove_structure
 
 TOOLS = Path(sys.executable).parent
 pytestmark = pytest.mark.skipif(

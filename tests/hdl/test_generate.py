@@ -5,15 +5,15 @@ from dataclasses import asdict
 
 import pytest
 
-from ukf_hdl.control import Control
-from ukf_hdl.core import UkfCore
+from support.stub_engine import StubEngine
+from ukf_hdl.core.control import Control
+from ukf_hdl.core.soc import csr
+from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import NAME, description, generate
-from ukf_hdl.soc import csr
-from ukf_sim.stub_engine import StubEngine
-from ukf_sw.float_format import BINARY16, BINARY64
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import REGISTERS
+from ukf_sw.spec.float_format import BINARY16, BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import REGISTERS
 
 SMALLEST = UkfParams(n=1, m=1)
 NANOSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)

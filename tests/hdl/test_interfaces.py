@@ -10,13 +10,13 @@ import pytest
 from cmsis_svd.parser import SVDParser
 from lxml import etree
 
-from ukf_hdl.core import UkfCore
+from support.stub_engine import StubEngine
+from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import BASE_ADDRESS, INTERRUPT, c_header, generate, interface_files
-from ukf_sim.stub_engine import StubEngine
-from ukf_sw.float_format import BINARY16, BINARY64
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import ID, REGISTERS, Access, ErrorCode, Step
+from ukf_sw.spec.float_format import BINARY16, BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import ID, REGISTERS, Access, ErrorCode, Step
 
 SMALLEST = UkfParams(n=1, m=1)
 NANOSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)

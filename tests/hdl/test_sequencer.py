@@ -5,10 +5,10 @@ import random
 import pytest
 from amaranth.sim import Simulator
 
-from ukf_hdl.sequencer import Sequencer
+from ukf_hdl.core.sequencer import Sequencer
 from ukf_sw.engine.microcode import STEP_OVERHEAD, Microcode
 from ukf_sw.engine.programs import Program
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),

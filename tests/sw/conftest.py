@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ukf_sw.arithmetic import add, multiply, reciprocal_sqrt
+from ukf_sw.engine.arithmetic import add, multiply, reciprocal_sqrt
 from ukf_sw.engine.operations import Kind
 
 

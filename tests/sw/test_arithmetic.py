@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from numba import njit
 
-from ukf_sw import arithmetic
-from ukf_sw.arithmetic import (
+from ukf_sw.engine import arithmetic
+from ukf_sw.engine.arithmetic import (
     add_scalar,
     multiply_scalar,
     reciprocal_sqrt_scalar,
     reciprocal_sqrt_table,
     scalar_parameters,
 )
-from ukf_sw.float_format import BINARY32, BINARY64, FORMATS, FloatFormat
+from ukf_sw.spec.float_format import BINARY32, BINARY64, FORMATS, FloatFormat
 
 COUNT = 6000
 ALL_FORMATS = [

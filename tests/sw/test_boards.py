@@ -13,7 +13,9 @@ import pytest
 
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.board import main
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.driver import Driver
+from ukf_sw.drivers.pynq_bus import PynqBus
+from ukf_sw.drivers.uio import UioBus
 from ukf_sw.errors import (
     BusError,
     CoreTimeoutError,
@@ -23,11 +25,12 @@ from ukf_sw.errors import (
     WrongCoreError,
 )
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import UkfParams
-from ukf_sw.pynq_bus import PynqBus
+from ukf_sw.problems.scenario import run
+from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.registers import (
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.registers import (
     CONTROL,
     GATE_LOW,
     ID,
@@ -37,9 +40,6 @@ from ukf_sw.registers import (
     REGISTERS,
     STATUS,
 )
-from ukf_sw.scenario import run
-from ukf_sw.systems.pendulum import pendulum
-from ukf_sw.uio import UioBus
 
 PARAMS = pendulum(0, steps=1).params
 SIZE = max(1 << MemoryMap(PARAMS).address_width, mmap.PAGESIZE)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from ukf_sw.backends import Backend
-from ukf_sw.bus import WordCodec
-from ukf_sw.driver import Driver, Traffic
+from ukf_sw.drivers.bus import WordCodec
+from ukf_sw.drivers.driver import Driver, Traffic
 from ukf_sw.errors import (
     BusError,
     CoreError,
@@ -16,11 +16,11 @@ from ukf_sw.errors import (
     UkfError,
     WrongCoreError,
 )
-from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, UkfParams
-from ukf_sw.registers import (
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
     CYCLES,

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 
 from ukf_sw.backends import Backend
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, CoreTimeoutError, NotFiniteError, SingularObservationError
 from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.float_format import BINARY64
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap
-from ukf_sw.parameters import Form, Noise, UkfParams
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.registers import STATUS
+from ukf_sw.spec.float_format import BINARY64
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.registers import STATUS
 
 BACKENDS = ["reference", "golden"]
 PARAMS = UkfParams(n=3, m=2, q=2, r=2, format=BINARY64, pes=3)

@@ -3,16 +3,16 @@ import itertools
 import numpy as np
 import pytest
 
-from ukf_sw.bus import WordCodec
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.bus import WordCodec
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.interpreter import Interpreter, RunResult
 from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
-from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.registers import (
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
     CYCLES,

@@ -7,8 +7,8 @@ from ukf_sw.engine import kernels
 from ukf_sw.engine.kernels import Row
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.operations import ProgramBuilder
-from ukf_sw.float_format import BINARY64
-from ukf_sw.parameters import Form, UkfParams
+from ukf_sw.spec.float_format import BINARY64
+from ukf_sw.spec.parameters import Form, UkfParams
 
 PES = [1, 2, 3, 7]
 

@@ -6,10 +6,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ukf_sw.errors import NotPositiveDefiniteError, SingularObservationError
-from ukf_sw.parameters import Form, Noise
-from ukf_sw.scenario import Scenario, run
-from ukf_sw.systems import nanosat
-from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.problems.scenario import Scenario, run
+from ukf_sw.problems.systems import nanosat
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.spec.parameters import Form, Noise
 
 SCENARIOS = [nanosat.nanosat, nanosat.nanosat_2014]
 

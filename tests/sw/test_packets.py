@@ -10,7 +10,7 @@ from ukf_sw.engine.control_word import READ, WRITE, Half
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.packets import COUNT_WIDTH, DISTANCE_WIDTH, Packet, pack
 from ukf_sw.engine.programs import Program
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 
 HALF = Half(
     name="test", fields=("flag", "address", "begin"), counting=("address",), once=("begin",)

@@ -4,9 +4,9 @@ import gmpy2
 import numpy as np
 import pytest
 
-from ukf_sw import arithmetic
-from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
-from ukf_sw.reciprocal_sqrt import ReciprocalSqrtParams
+from ukf_sw.engine import arithmetic
+from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
 
 EVERY_FRACTION = [
     FloatFormat(exponent_bits=exponent_bits, fraction_bits=fraction_bits)

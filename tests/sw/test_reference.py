@@ -5,8 +5,8 @@ import pytest
 from filterpy.kalman import SimplexSigmaPoints, UnscentedKalmanFilter, unscented_transform
 
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
-from ukf_sw.parameters import Noise, UkfParams
 from ukf_sw.reference import ReferenceUkf, lower_factor, sigma_coefficients, weights
+from ukf_sw.spec.parameters import Noise, UkfParams
 
 EVERY_W0 = [0.0, 0.3, 0.9]
 

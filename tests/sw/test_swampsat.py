@@ -11,21 +11,25 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from ukf_sim.apps import swampsat as app
-from ukf_sw.catalogue import SWAMPSAT_STUDY
-from ukf_sw.scenario import run
-from ukf_sw.systems.swampsat import environment
-from ukf_sw.systems.swampsat.ekf import MurrellEkf, process_noise, transition_matrix
-from ukf_sw.systems.swampsat.flight import CALIBRATED, SETTINGS, SwampsatSettings, simulate
-from ukf_sw.systems.swampsat.kinematics import attitude_matrix, cross_matrix, propagate
-from ukf_sw.systems.swampsat.link import Link, LinkSettings
-from ukf_sw.systems.swampsat.orbit import EARTH_RADIUS_KM, GRAVITATION, SWAMPSAT_ORBIT, Orbit
-from ukf_sw.systems.swampsat.platform import PlatformSettings, run_platform
-from ukf_sw.systems.swampsat.quest import quest
-from ukf_sw.systems.swampsat.sampling import ALTERNATE, INTERVALS, Sampling
-from ukf_sw.systems.swampsat.scenario import scenario_of, swampsat
-from ukf_sw.systems.swampsat.sensors import Sensors
-from ukf_sw.systems.swampsat.study import (
+from ukf_sw.problems.catalogue import SWAMPSAT_STUDY
+from ukf_sw.problems.scenario import run
+from ukf_sw.problems.systems.swampsat import environment
+from ukf_sw.problems.systems.swampsat.ekf import MurrellEkf, process_noise, transition_matrix
+from ukf_sw.problems.systems.swampsat.flight import CALIBRATED, SETTINGS, SwampsatSettings, simulate
+from ukf_sw.problems.systems.swampsat.kinematics import attitude_matrix, cross_matrix, propagate
+from ukf_sw.problems.systems.swampsat.link import Link, LinkSettings
+from ukf_sw.problems.systems.swampsat.orbit import (
+    EARTH_RADIUS_KM,
+    GRAVITATION,
+    SWAMPSAT_ORBIT,
+    Orbit,
+)
+from ukf_sw.problems.systems.swampsat.platform import PlatformSettings, run_platform
+from ukf_sw.problems.systems.swampsat.quest import quest
+from ukf_sw.problems.systems.swampsat.sampling import ALTERNATE, INTERVALS, Sampling
+from ukf_sw.problems.systems.swampsat.scenario import scenario_of, swampsat
+from ukf_sw.problems.systems.swampsat.sensors import Sensors
+from ukf_sw.problems.systems.swampsat.study import (
     CASES,
     case_of,
     make_ekf,
@@ -34,7 +38,12 @@ from ukf_sw.systems.swampsat.study import (
     run_quest,
     run_ukf,
 )
-from ukf_sw.systems.swampsat.ukf import observation_model, process_covariance, process_model
+from ukf_sw.problems.systems.swampsat.ukf import (
+    observation_model,
+    process_covariance,
+    process_model,
+)
+from ukf_tools.evaluate import swampsat as app
 
 TWO = Sampling(interval=2.0)
 
@@ -585,8 +594,8 @@ def test_rms_after_the_end_is_refused():
 
 def test_a_filter_that_breaks_off_is_reported(monkeypatch):
     from ukf_sw.errors import NotFiniteError
-    from ukf_sw.registers import Step
-    from ukf_sw.systems.swampsat import study
+    from ukf_sw.problems.systems.swampsat import study
+    from ukf_sw.spec.registers import Step
 
     def broken(*_, **__):
         raise NotFiniteError(Step.UPDATE)

@@ -4,23 +4,23 @@ import filterpy.kalman
 import numpy as np
 import pytest
 
-from ukf_sw import data
-from ukf_sw.catalogue import CATALOGUE, Bound, pooled
 from ukf_sw.models import wrap
-from ukf_sw.parameters import Noise
+from ukf_sw.problems import data
+from ukf_sw.problems.catalogue import CATALOGUE, Bound, pooled
+from ukf_sw.problems.scenario import run
+from ukf_sw.problems.systems import battery as cell
+from ukf_sw.problems.systems import ctrv as vehicle
+from ukf_sw.problems.systems import gps_ins as navigation
+from ukf_sw.problems.systems import nanosat, simulation
+from ukf_sw.problems.systems.battery import battery
+from ukf_sw.problems.systems.ctrv import ctrv
+from ukf_sw.problems.systems.gps_ins import gps_ins
+from ukf_sw.problems.systems.pendulum import pendulum
+from ukf_sw.problems.systems.recorded_imu import recorded_imu
+from ukf_sw.problems.systems.recorded_odometry import recorded_odometry
+from ukf_sw.problems.systems.reentry import reentry
 from ukf_sw.reference import lower_factor, sigma_coefficients, weights
-from ukf_sw.scenario import run
-from ukf_sw.systems import battery as cell
-from ukf_sw.systems import ctrv as vehicle
-from ukf_sw.systems import gps_ins as navigation
-from ukf_sw.systems import nanosat, simulation
-from ukf_sw.systems.battery import battery
-from ukf_sw.systems.ctrv import ctrv
-from ukf_sw.systems.gps_ins import gps_ins
-from ukf_sw.systems.pendulum import pendulum
-from ukf_sw.systems.recorded_imu import recorded_imu
-from ukf_sw.systems.recorded_odometry import recorded_odometry
-from ukf_sw.systems.reentry import reentry
+from ukf_sw.spec.parameters import Noise
 
 ENTRIES = list(CATALOGUE.values())
 NAMES = list(CATALOGUE)

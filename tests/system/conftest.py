@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.cli import app
+from ukf_tools.cli import app
 
 
 @pytest.fixture

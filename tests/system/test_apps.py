@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ukf_sim.apps import document, numerics, runner, swampsat, timing
-from ukf_sim.apps.convert import convert_inertial, convert_odometry
-from ukf_sim.cli import console
-from ukf_sw import catalogue, data
+from ukf_docs import applications as document
+from ukf_docs.convert import convert_inertial, convert_odometry
+from ukf_docs.studies import iteration as timing
+from ukf_docs.studies import numerics
 from ukf_sw.errors import NotFiniteError
-from ukf_sw.registers import Step
+from ukf_sw.problems import catalogue, data
+from ukf_sw.spec.registers import Step
+from ukf_tools.cli import console
+from ukf_tools.evaluate import runner, swampsat
 
 
 @pytest.fixture
@@ -164,7 +167,7 @@ def test_entries_are_run_by_several_processes(tmp_path):
 def without_extra(monkeypatch):
     """The packages of the extra "apps" are not installed."""
     for module in list(sys.modules):
-        if module.startswith(("ukf_sw.systems.swampsat", "ukf_sim.apps.swampsat")):
+        if module.startswith(("ukf_sw.problems.systems.swampsat", "ukf_tools.evaluate.swampsat")):
             monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "erfa", None)
 

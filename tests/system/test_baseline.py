@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.baseline.costs import cost, rewrite
-from ukf_sim.baseline.counting import SECTIONS, count
-from ukf_sim.baseline.program import ARM, NATIVE, VARIANTS, BaselineError, Target, build
-from ukf_sim.baseline.report import DOCUMENT, MEASURED, PAPER, bus_words, refresh
-from ukf_sim.cli import app
+from ukf_sw.problems.scenario import run
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.scenario import run
-from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
+from ukf_tools.baseline.costs import cost, rewrite
+from ukf_tools.baseline.counting import SECTIONS, count
+from ukf_tools.baseline.program import ARM, NATIVE, SOURCES, VARIANTS, BaselineError, Target, build
+from ukf_tools.baseline.report import DOCUMENT, MEASURED, PAPER, bus_words, refresh
+from ukf_tools.cli import app
 
 STEPS = 300
-#: Folder of the GNU Scientific Library for ARM, as sw/baseline/fetch-gsl.sh makes it.
+#: Folder of the GNU Scientific Library for ARM, as fetch-gsl.sh makes it.
 SYSROOT = Path(os.environ.get("UKF_ARM_SYSROOT", "build/armhf"))
 
 
@@ -70,7 +70,7 @@ def test_bad_pivots_are_reported(native):
 def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(BaselineError, match=r"^no-such-gcc is not installed; docs/baseline\.md"):
         build(Target(compiler="no-such-gcc"), tmp_path)
-    with pytest.raises(BaselineError, match="has no GNU Scientific Library; run sw/baseline/fetch"):
+    with pytest.raises(BaselineError, match=r"has no GNU Scientific Library; run .*/fetch-gsl\.sh"):
         build(NATIVE, tmp_path, sysroot=tmp_path)
 
 
@@ -191,7 +191,7 @@ def test_cycles_are_current():
     """Run `make baseline` if this fails."""
     from ukf_sw.engine.microcode import microcode
     from ukf_sw.engine.programs import Program
-    from ukf_sw.parameters import Pipeline
+    from ukf_sw.spec.parameters import Pipeline
 
     record = json.loads(MEASURED.read_text(encoding="utf-8"))
     for noise, params in (("augmented", NANOSAT), ("additive", NANOSAT_ADDITIVE)):
@@ -217,7 +217,7 @@ def test_command_says_what_is_missing(monkeypatch):
 
 @needs("shellcheck")
 def test_script_has_no_warnings():
-    script = Path(__file__).parents[2] / "sw" / "baseline" / "fetch-gsl.sh"
+    script = SOURCES / "fetch-gsl.sh"
     result = subprocess.run(
         ["shellcheck", str(script)], capture_output=True, text=True, check=False
     )

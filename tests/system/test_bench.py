@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from ukf_sim.configurations import random_scenario
-from ukf_sim.documentation import readme
-from ukf_sim.running import make_backend, run_problem
-from ukf_sim.studies import bench, growth, routing
-from ukf_sw.parameters import Form, UkfParams
+from ukf_docs import sections
+from ukf_docs.studies import bench, growth, routing
+from ukf_sw.problems.configurations import random_scenario
+from ukf_sw.problems.judging import make_backend, run_problem
+from ukf_sw.spec.parameters import Form, UkfParams
 
 
 class Reference:
@@ -70,9 +70,9 @@ EXPECTED = {
 def test_tables_have_the_figures(study, tmp_path, monkeypatch):
     file = tmp_path / "study.json"
     monkeypatch.setattr(study, "MEASURED", file)
-    assert readme.measured(study) == "Not measured yet; `make study` does.\n"
+    assert sections.measured(study) == "Not measured yet; `make study` does.\n"
     file.write_text(json.dumps(RECORDS[study]))
-    text = readme.measured(study)
+    text = sections.measured(study)
     for line in EXPECTED[study]:
         assert line in text
     widths = {line.count("|") for line in text.splitlines() if line.startswith("|")}

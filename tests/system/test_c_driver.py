@@ -6,17 +6,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ukf_sim.c_software.binding import CFilter, CFilterError, Result, compile_library
-from ukf_sim.c_software.compiler import Toolchain
-from ukf_sw.driver import Driver
+from support.c_binding import CFilter, CFilterError, Result, compile_library
+from ukf_sim.c_in_the_loop.compiler import Toolchain
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
 from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.float_format import BINARY32, BINARY64
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Form, Noise, UkfParams
+from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
 from ukf_sw.reference import lower_factor
-from ukf_sw.registers import (
+from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
     ERROR,
@@ -26,7 +27,6 @@ from ukf_sw.registers import (
     ErrorCode,
     Step,
 )
-from ukf_sw.systems.nanosat import NANOSAT, nanosat
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.c_software.compiler import Toolchain
-from ukf_sim.c_software.loop import first_difference, golden_results, run_c_in_the_loop
-from ukf_sim.c_software.scenario_files import HEADER, export_scenario, read_results
-from ukf_sim.cli import app
-from ukf_sim.cosimulation import step_timeout
-from ukf_sw.catalogue import CATALOGUE
+from ukf_sim.c_in_the_loop.compiler import Toolchain
+from ukf_sim.c_in_the_loop.loop import first_difference, golden_results, run_c_in_the_loop
+from ukf_sim.session import step_timeout
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
-from ukf_sw.parameters import Pipeline
-from ukf_sw.systems.nanosat import NANOSAT, nanosat, nanosat_2014_rates
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.scenario_files import HEADER, export_scenario, read_results
+from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat, nanosat_2014_rates
+from ukf_sw.spec.parameters import Pipeline
+from ukf_tools.cli import app
 
 STEPS = 5
 

@@ -7,9 +7,9 @@ import os
 import numpy as np
 import pytest
 
-from ukf_sim.c_software.compiler import SOURCES, Toolchain, compile_c, write_interfaces
-from ukf_sw.parameters import UkfParams
-from ukf_sw.registers import INTERRUPT_PENDING
+from ukf_sim.c_in_the_loop.compiler import SOURCES, Toolchain, compile_c, write_interfaces
+from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.registers import INTERRUPT_PENDING
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 

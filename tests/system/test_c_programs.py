@@ -7,8 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from ukf_sim.c_software.arm import arm_available, run_on_arm
-from ukf_sim.c_software.compiler import (
+from ukf_sim.c_in_the_loop.compiler import (
     APPLICATION,
     DRIVER,
     PROGRAM,
@@ -19,13 +18,14 @@ from ukf_sim.c_software.compiler import (
     compile_objects,
     write_interfaces,
 )
-from ukf_sim.c_software.loop import first_difference, golden_results
-from ukf_sim.c_software.register_server import RegisterServer
-from ukf_sim.c_software.scenario_files import export_scenario, read_results
+from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.parameters import Noise, UkfParams
-from ukf_sw.registers import CONTROL, ERROR
-from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
+from ukf_sw.problems.scenario_files import export_scenario, read_results
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
+from ukf_sw.spec.parameters import Noise, UkfParams
+from ukf_sw.spec.registers import CONTROL, ERROR
+from ukf_tools.arm.register_server import RegisterServer
+from ukf_tools.arm.run import arm_available, run_on_arm
 
 needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

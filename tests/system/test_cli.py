@@ -10,8 +10,8 @@ import pytest
 
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
-from ukf_sw.parameters import Form, Pipeline, UkfParams
-from ukf_sw.systems.nanosat import NANOSAT
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
@@ -276,7 +276,7 @@ def test_output_must_be_a_folder(ukf, tmp_path):
 def test_command_is_installed():
     """The package brings `ukf`, which starts without the HDL toolchain."""
     program = (
-        "import sys; import ukf_sim.cli; sys.exit(any(m in sys.modules for m in "
+        "import sys; import ukf_tools.cli; sys.exit(any(m in sys.modules for m in "
         "('amaranth', 'cocotb', 'matplotlib.pyplot')))"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ukf_sim.configurations import Problem
-from ukf_sim.cosimulation import Job, cosimulate
-from ukf_sim.latency import latency
+from ukf_sim.session import Job, cosimulate
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_tools.estimate.latency import latency
 
 pytestmark = pytest.mark.system
 
@@ -110,7 +110,7 @@ def test_icarus(core_cache, icarus):
 def test_icarus_does_everything(core_cache, icarus):
     params = UkfParams(n=1, m=1)
     job = Job(
-        params=params, task="ukf_sim.exercises:everything", arguments={"seed": 1, "rounds": 12}
+        params=params, task="support.exercises:everything", arguments={"seed": 1, "rounds": 12}
     )
     check_counts(cosimulate(job, icarus, cache=core_cache).result, params)
 
@@ -172,7 +172,7 @@ def do_everything(cache, seed, rounds):
     job = Job(
         params=params,
         pipeline=pipeline,
-        task="ukf_sim.exercises:everything",
+        task="support.exercises:everything",
         arguments={"seed": seed, "rounds": rounds},
         interrupt=bool(seed % 3),
     )
@@ -218,7 +218,7 @@ def test_pipeline_changes_cycles_only(core_cache):
 def test_a_difference_is_found(core_cache):
     """A wrong word in the model's memory is as good as one in the core's."""
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
-    job = Job(params=params, task="ukf_sim.exercises:sabotage", arguments={})
+    job = Job(params=params, task="support.exercises:sabotage", arguments={})
     with pytest.raises(SimulatorError, match=r"MismatchError: .* of the core is .* golden model"):
         cosimulate(job, cache=core_cache, optimise=False)
 
@@ -239,7 +239,7 @@ def test_module_without_tests_is_reported(core_cache, tmp_path):
     generate(UkfParams(n=1, m=1), None, tmp_path)
     compiled = build(tmp_path / f"{NAME}.v", NAME, Simulator.VERILATOR, core_cache)
     with pytest.raises(SimulatorError, match=r"cocotb|[Nn]o test"):
-        simulate(compiled, "ukf_sim.report", tmp_path / "run")
+        simulate(compiled, "ukf_tools.evaluate.cosimulation_record", tmp_path / "run")
 
 
 def test_missing_simulator_is_reported(monkeypatch, tmp_path):

@@ -6,20 +6,21 @@ import shutil
 import numpy as np
 import pytest
 
-from ukf_sim import ecp5, paper_2018, resources
-from ukf_sim.cli.lists import numbers
-from ukf_sim.design_report.charts import PAPER, draw, pareto
-from ukf_sim.design_report.growth import growths
-from ukf_sim.design_report.page import render
-from ukf_sim.design_report.series import in_series
-from ukf_sim.design_report.tables import tables
-from ukf_sim.design_space.devices import DEVICES
-from ukf_sim.design_space.points import Point
-from ukf_sim.design_space.rows import COLUMNS, Conditions, figures
-from ukf_sim.latency import latency
-from ukf_sw.float_format import BINARY16, BINARY32
-from ukf_sw.parameters import Form, Pipeline, UkfParams
-from ukf_sw.systems.nanosat import NANOSAT
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.float_format import BINARY16, BINARY32
+from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_tools.cli.lists import numbers
+from ukf_tools.design_report import paper_2018
+from ukf_tools.design_report.charts import PAPER, draw, pareto
+from ukf_tools.design_report.growth import growths
+from ukf_tools.design_report.page import render
+from ukf_tools.design_report.series import in_series
+from ukf_tools.design_report.tables import tables
+from ukf_tools.design_space.devices import DEVICES
+from ukf_tools.design_space.points import Point
+from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
+from ukf_tools.estimate import ecp5, resources
+from ukf_tools.estimate.latency import latency
 
 
 def row(point, *, cycles, lut, ratio=1.0, stopped=None):
@@ -343,7 +344,7 @@ def test_sweep_refuses(ukf, options, message):
 
 
 def test_sweep_without_its_scheduler(ukf, monkeypatch):
-    monkeypatch.setattr("ukf_sim.design_space.executors._CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("ukf_tools.design_space.executors._CONNECT_SECONDS", 0.2)
     options = ("--n", 1, "--m", 1, "--no-resources", "--scheduler", "tcp://127.0.0.1:9")
     assert "There is no scheduler at 'tcp://127.0.0.1:9'" in ukf("sweep", *options, code=1).stderr
 

@@ -10,29 +10,29 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim import resources
-from ukf_sim.configurations import CONFIGURATIONS
-from ukf_sim.design_space import parts as parts_module
-from ukf_sim.design_space import sources
-from ukf_sim.design_space.accuracy import Application
-from ukf_sim.design_space.cache import Cache, key_of
-from ukf_sim.design_space.executors import (
+from ukf_sw.problems.configurations import CONFIGURATIONS
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.float_format import BINARY16, BINARY64, FloatFormat
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_tools.design_space import parts as parts_module
+from ukf_tools.design_space import sources
+from ukf_tools.design_space.accuracy import Application
+from ukf_tools.design_space.cache import Cache, key_of
+from ukf_tools.design_space.executors import (
     ClusterExecutor,
     ExecutorError,
     Failure,
     LocalExecutor,
     perform,
 )
-from ukf_sim.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, Traffic
-from ukf_sim.design_space.points import Point, grid
-from ukf_sim.design_space.rows import COLUMNS, Conditions
-from ukf_sim.design_space.sweep import Questions, find, sweep
-from ukf_sim.design_space.table import TableError, read, write
-from ukf_sim.design_space.traffic import count_words
-from ukf_sim.latency import latency
-from ukf_sw.float_format import BINARY16, BINARY64, FloatFormat
-from ukf_sw.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.systems.nanosat import NANOSAT
+from ukf_tools.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, Traffic
+from ukf_tools.design_space.points import Point, grid
+from ukf_tools.design_space.rows import COLUMNS, Conditions
+from ukf_tools.design_space.sweep import Questions, find, sweep
+from ukf_tools.design_space.table import TableError, read, write
+from ukf_tools.design_space.traffic import count_words
+from ukf_tools.estimate import resources
+from ukf_tools.estimate.latency import latency
 
 #: The smallest core there is.
 TINY = UkfParams(n=1, m=1, format=FloatFormat(exponent_bits=4, fraction_bits=5))
@@ -97,7 +97,7 @@ def generator(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "module", ["ukf_sim.latency", "ukf_hdl.generate", "ukf_sim.design_space.accuracy"]
+    "module", ["ukf_tools.estimate.latency", "ukf_hdl.generate", "ukf_tools.design_space.accuracy"]
 )
 def test_closure_has_all_that_is_imported(module):
     code = f"import sys, {module}; print(*(m for m in sys.modules if m.startswith('ukf_')))"
@@ -112,7 +112,9 @@ def test_closure_has_all_that_is_imported(module):
 
 
 def test_schedule_does_not_depend_on_the_hardware():
-    assert not any(name.startswith("ukf_hdl") for name in sources.closure("ukf_sim.latency"))
+    assert not any(
+        name.startswith("ukf_hdl") for name in sources.closure("ukf_tools.estimate.latency")
+    )
 
 
 def test_digest_changes_with_what_it_is_of(tmp_path, monkeypatch):
@@ -422,11 +424,11 @@ def test_accuracy_in_a_sweep(cache):
 
 SCRIPT = """
 import json, os, signal
-from ukf_sim.design_space.executors import Failure, LocalExecutor
-from ukf_sim.design_space.parts import Part, SchedulePart
+from ukf_tools.design_space.executors import Failure, LocalExecutor
+from ukf_tools.design_space.parts import Part, SchedulePart
 from ukf_sw.errors import SingularObservationError
-from ukf_sw.parameters import Pipeline, UkfParams
-from ukf_sw.registers import Step
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_sw.spec.registers import Step
 
 
 class Failing(Part):
@@ -490,9 +492,9 @@ def test_process_that_fails_or_dies_costs_its_part_only(tmp_path):
 STOPPED = """
 import os, subprocess, sys, time
 from pathlib import Path
-from ukf_sim.design_space.executors import LocalExecutor
-from ukf_sim.design_space.parts import Part, SchedulePart
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_tools.design_space.executors import LocalExecutor
+from ukf_tools.design_space.parts import Part, SchedulePart
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 
 class Endless(Part):
@@ -537,7 +539,7 @@ def test_no_workers():
 
 
 def test_no_scheduler(monkeypatch):
-    monkeypatch.setattr("ukf_sim.design_space.executors._CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("ukf_tools.design_space.executors._CONNECT_SECONDS", 0.2)
     with pytest.raises(ExecutorError, match=r"^There is no scheduler at 'tcp://127\.0\.0\.1:9'"):
         ClusterExecutor("tcp://127.0.0.1:9")
 

@@ -1,6 +1,7 @@
 """FuseSoC with the project's core file, on a small core so that it takes seconds."""
 
 import json
+import runpy
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -33,14 +34,14 @@ def fusesoc(tmp_path_factory):
     text = (ROOT / "ukf_core.core").read_text(encoding="utf-8")
     for old, new in (
         ("{config: nanosat, pes: 2}", SMALL),
-        ("command: sim/", f"command: {ROOT}/sim/"),
+        ("command: tools/", f"command: {ROOT}/tools/"),
     ):
         assert old in text
         text = text.replace(old, new)
     (folder / "ukf_core.core").write_text(text, encoding="utf-8")
 
     def fusesoc(target):
-        command = [sys.executable, "-m", "ukf_sim.fusesoc", "run", f"--target={target}"]
+        command = [sys.executable, ROOT / "tools/fusesoc/run.py", "run", f"--target={target}"]
         return subprocess.run(
             [*command, "ukf::ukf_core"], cwd=folder, capture_output=True, text=True, check=False
         )
@@ -83,7 +84,7 @@ def test_simulation_with_verilator(fusesoc):
 
 
 def test_generator_refuses_other_commands(tmp_path, monkeypatch):
-    from ukf_sim.fusesoc_generator import main
+    main = runpy.run_path(str(ROOT / "tools/fusesoc/generator.py"))["main"]
 
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "call.yml"

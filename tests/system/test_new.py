@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ukf_sim.project import TEMPLATES, check_name
 from ukf_sim.scenarios import cosimulate_scenario
-from ukf_sw.parameters import Noise, UkfParams
-from ukf_sw.scenario import Scenario, run
-from ukf_sw.systems.pendulum import pendulum
+from ukf_sw.problems.scenario import Scenario, run
+from ukf_sw.problems.systems.pendulum import pendulum
+from ukf_sw.spec.parameters import Noise, UkfParams
+from ukf_tools.new.project import TEMPLATES, check_name
 
 
 @pytest.fixture

@@ -9,17 +9,17 @@ from importlib.util import find_spec
 import pytest
 from typer.testing import CliRunner
 
+from support.stub_engine import StubEngine
 from ukf_hdl.packaging.boards import BOARDS
 from ukf_hdl.packaging.package import BASE, package
-from ukf_sim.cli import app
-from ukf_sim.configurations import Problem
-from ukf_sim.stub_engine import StubEngine
 from ukf_sim.testbench import record, write
-from ukf_sim.vivado.check import check_package
-from ukf_sim.vivado.ips import ScriptError
-from ukf_sw.float_format import BINARY64
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import UkfParams
+from ukf_sw.problems.configurations import Problem
+from ukf_sw.spec.float_format import BINARY64
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import UkfParams
+from ukf_tools.cli import app
+from ukf_tools.vivado.check import check_package
+from ukf_tools.vivado.ips import ScriptError
 
 TINY = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 SMALLEST = UkfParams(n=1, m=1)

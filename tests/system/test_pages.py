@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim.documentation.pages import PAGES, refresh
+from ukf_docs.pages import PAGES, refresh
 
 
 @pytest.mark.system

@@ -5,24 +5,24 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim.documentation import readme
+from ukf_docs import sections
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 
 
-@pytest.mark.parametrize("document", readme.DOCUMENTS, ids=lambda file: file.name)
+@pytest.mark.parametrize("document", sections.DOCUMENTS, ids=lambda file: file.name)
 def test_tables_are_current(document):
     """Run `make readme` if this fails."""
     text = document.read_text(encoding="utf-8")
-    assert readme.refresh(text, readme.DOCUMENTS[document]) == text
+    assert sections.refresh(text, sections.DOCUMENTS[document]) == text
 
 
-@pytest.mark.parametrize("name", readme.SECTIONS)
+@pytest.mark.parametrize("name", sections.SECTIONS)
 def test_missing_markers_are_an_error(name):
     text = README.read_text(encoding="utf-8").replace(f"<!-- BEGIN GENERATED {name} -->", "")
     with pytest.raises(ValueError, match=f"^text must have the markers of the section '{name}'$"):
-        readme.refresh(text)
+        sections.refresh(text)
 
 
 def test_make_sweeps_the_whole_design_space():

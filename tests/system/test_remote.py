@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from ukf_sim.configurations import random_scenario
 from ukf_sim.remote import RemoteBus
 from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
-from ukf_sw.driver import Driver
+from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import UkfParams
-from ukf_sw.registers import ID, INTERRUPT_PENDING
-from ukf_sw.scenario import run
+from ukf_sw.problems.configurations import random_scenario
+from ukf_sw.problems.scenario import run
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.registers import ID, INTERRUPT_PENDING
 
 pytestmark = pytest.mark.system
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ukf_sim.documentation.site import plain, relink
+from ukf_docs.site import plain, relink
 
 ROOT = Path(__file__).parents[2]
 

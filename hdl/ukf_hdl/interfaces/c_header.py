@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ukf_sw.registers import ID, ErrorCode, Step
+from ukf_sw.spec.registers import ID, ErrorCode, Step
 
 __all__ = ["core_header", "registers_header"]
 

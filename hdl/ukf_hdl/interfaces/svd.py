@@ -3,7 +3,7 @@
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-from ukf_sw.registers import ErrorCode, Step
+from ukf_sw.spec.registers import ErrorCode, Step
 
 __all__ = ["svd"]
 

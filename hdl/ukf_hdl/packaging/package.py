@@ -10,8 +10,8 @@ from pathlib import Path
 from ukf_hdl.generate import BASE_ADDRESS, NAME, VIVADO_ATTRIBUTES, generate
 from ukf_hdl.packaging.boards import Board
 from ukf_sw import __version__
-from ukf_sw.memory_map import MemoryMap
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = ["BASE", "CLOCK_MHZ", "SCRIPTS", "package"]
 

@@ -2,7 +2,7 @@
  * @file
  * @brief Port to a model of the core in another process, over a socket of the Unix domain.
  *
- * The other side is sim/ukf_sim/c_software/register_server.py. A request has 4 words of 32 bits in
+ * The other side is tools/ukf_tools/arm/register_server.py. A request has 4 words of 32 bits in
  * the byte order of the machine: operation (0 read, 1 write, 2 wait), address, data or time-out in
  * microseconds, 0. An answer has 2: 1 for success, and data.
  */

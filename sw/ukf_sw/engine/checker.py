@@ -14,7 +14,7 @@ from ukf_sw.engine.layout import Word
 from ukf_sw.engine.operations import Kind, Operation, Scalar
 from ukf_sw.engine.scheduler import Schedule
 from ukf_sw.engine.timing import READ_LATENCY
-from ukf_sw.parameters import Pipeline
+from ukf_sw.spec.parameters import Pipeline
 
 __all__ = ["ScheduleError", "check_schedule"]
 

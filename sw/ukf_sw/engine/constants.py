@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.parameters import UkfParams
+from ukf_sw.spec.parameters import UkfParams
 
 __all__ = ["noise_coefficients", "state_coefficients", "unit", "weights"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportUnknownVariableType]
 from numpy.typing import NDArray
 
-from ukf_sw.arithmetic import (
+from ukf_sw.engine.arithmetic import (
     ScalarParameters,
     add_scalar,
     multiply_scalar,
@@ -22,8 +22,8 @@ from ukf_sw.engine.control_word import BusSource
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.programs import Program
 from ukf_sw.engine.timing import LOAD_LATENCY
-from ukf_sw.parameters import Form, Pipeline, UkfParams
-from ukf_sw.registers import ErrorCode
+from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_sw.spec.registers import ErrorCode
 
 __all__ = ["AdderConflictError", "Interpreter", "RunResult"]
 

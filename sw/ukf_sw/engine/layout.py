@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.engine.constants import noise_coefficients, state_coefficients, unit, weights
-from ukf_sw.parameters import Form, UkfParams
+from ukf_sw.spec.parameters import Form, UkfParams
 
 __all__ = ["BANK_FACTOR", "BANK_NONE", "BANK_STATE", "Layout", "Vector", "Word"]
 
@@ -246,7 +246,7 @@ class Layout:
         Parameters
         ----------
         symbol, row, column
-            Region of :class:`ukf_sw.memory_map.MemoryMap` and element.
+            Region of :class:`ukf_sw.spec.memory_map.MemoryMap` and element.
         state_bank, factor_bank
             Which copies of x and of L are the current ones.
         """

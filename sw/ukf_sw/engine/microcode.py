@@ -12,7 +12,7 @@ from ukf_sw.engine.packets import PacketStream
 from ukf_sw.engine.programs import Program, build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
-from ukf_sw.parameters import Pipeline, UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode"]
 

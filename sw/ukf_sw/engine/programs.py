@@ -14,7 +14,7 @@ from ukf_sw.engine.kernels import (
 )
 from ukf_sw.engine.layout import Layout, Vector
 from ukf_sw.engine.operations import Operation, ProgramBuilder, Scalar
-from ukf_sw.parameters import Form
+from ukf_sw.spec.parameters import Form
 
 __all__ = ["Program", "build_program"]
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from ukf_sw.engine.operations import Kind
-from ukf_sw.parameters import Pipeline
+from ukf_sw.spec.parameters import Pipeline
 
 __all__ = ["READ_LATENCY", "Timing"]
 

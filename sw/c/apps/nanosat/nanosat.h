@@ -3,7 +3,7 @@
  * @brief Attitude of a nanosatellite from gyroscope, accelerometer and magnetometer.
  *
  * The application of Soh and Wu (2018). The state is (q1, q2, q3, q0, beta): attitude quaternion with
- * the scalar last, and gyroscope bias in rad/s. The C counterpart of sw/ukf_sw/systems/nanosat.py,
+ * the scalar last, and gyroscope bias in rad/s. The C counterpart of sw/ukf_sw/problems/systems/nanosat.py,
  * where the readings of the papers are explained; every operation is in the same order, so in double
  * the results are equal to the last bit. (Compile with -ffp-contract=off.)
  */

@@ -1,0 +1,272 @@
+"""Speed of this project's own tools: ``make bench`` measures and notes it.
+
+Figures are of one computer on one day. They show what is worth waiting for, and whether a change
+made something slower; nothing is judged by them.
+"""
+
+import json
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import Progress
+
+from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.judging import make_backend, run_problem
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+
+__all__ = ["MEASURED", "markdown", "measure", "run_filterpy"]
+
+#: Where the figures go.
+MEASURED = Path(__file__).parents[2] / "measured" / "bench.json"
+#: States of the generator's measurements; noise as in the nanosatellite, 6 observations.
+SIZES = (7, 15, 31)
+#: Processing elements of all measurements.
+PES = 2
+
+
+class _Points:
+    """Sigma points of the spherical simplex, as filterpy wants them."""
+
+    def __init__(self, n: int, M: int, W0: float) -> None:
+        self._sigma = sigma_coefficients(M, W0)[:n]
+        self.Wm = self.Wc = weights(M, W0)
+
+    def num_sigmas(self) -> int:
+        """Give their number."""
+        return len(self.Wm)
+
+    def sigma_points(self, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+        """Draw them, shape (N, n)."""
+        return (x[:, None] + np.linalg.cholesky(P) @ self._sigma).T
+
+
+def run_filterpy(scenario: Scenario, steps: int) -> np.ndarray:
+    """Run a scenario with augmented noise on filterpy.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, with vectorized models.
+    steps
+        How many steps.
+
+    Returns
+    -------
+    array of shape (steps, n)
+        Estimates. They are those of the float64 reference, but for rounding.
+    """
+    from filterpy.kalman import UnscentedKalmanFilter, unscented_transform
+
+    class Filter(UnscentedKalmanFilter):
+        """filterpy's filter, but an update sees the points that went through fx."""
+
+        def predict(self, **arguments: Any) -> None:
+            self.compute_process_sigmas(self._dt, **arguments)
+            self.x, self.P = unscented_transform(self.sigmas_f, self.Wm, self.Wc, self.Q)
+
+    p = scenario.params
+    noise = ReferenceUkf(p)
+    noise.initialise(scenario.x0, scenario.P0, scenario.Q, scenario.R)
+    W, V = noise.noise_points()
+    w, v = cycle(W.T), cycle(V.T)
+    ukf = Filter(
+        p.n, p.m, 1.0,
+        lambda x: np.ravel(scenario.h(x[:, None], next(v)[:, None])),
+        lambda x, dt, u: np.ravel(scenario.f(x[:, None], next(w)[:, None], u)),
+        _Points(p.n, p.M, p.W0),
+    )  # fmt: skip
+    ukf.x, ukf.P = scenario.x0.copy(), scenario.P0.copy()
+    ukf.Q, ukf.R = np.zeros((p.n, p.n)), np.zeros((p.m, p.m))
+    estimates = np.empty((steps, p.n))
+    for k in range(steps):
+        ukf.predict(u=None if scenario.inputs is None else scenario.inputs[k])
+        ukf.update(scenario.measurements[k])
+        estimates[k] = ukf.x
+    return estimates
+
+
+def _seconds(work: Callable[[], Any], repeats: int = 3) -> float:
+    """Shortest of some runs, in s."""
+    best = float("inf")
+    for _ in range(repeats):
+        started = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - started)
+    return best
+
+
+def _models(steps: int) -> dict[str, float]:
+    """Golden model, reference and filterpy on the same data, in iterations a second."""
+    params = replace(NANOSAT, pes=PES)
+    problem = Problem(configuration="nanosat", params=params)
+    scenario = problem.scenario(steps)
+    rates: dict[str, float] = {}
+    for name in ("golden", "reference"):
+        # The first run compiles.
+        run_problem(make_backend(name, problem), scenario, min(steps, 5))
+        rates[name] = steps / _seconds(
+            lambda name=name: run_problem(make_backend(name, problem), scenario, steps)
+        )
+    rates["filterpy"] = steps / _seconds(lambda: run_filterpy(scenario, steps))
+    rates["golden_to_filterpy"] = rates["golden"] / rates["filterpy"]
+    return rates
+
+
+def _cosimulation(steps: int) -> dict[str, float]:
+    """Co-simulation in lockstep with the golden model."""
+    from ukf_sim.session import Job, cosimulate
+    from ukf_sim.simulators import Simulator
+
+    params = replace(NANOSAT, pes=PES)
+    problem = Problem(configuration="nanosat", params=params)
+    job = Job(
+        params=params,
+        task="ukf_sim.tasks:run_problem",
+        arguments={"problem": problem, "steps": steps},
+    )
+    outcome = cosimulate(job, Simulator.VERILATOR)
+    result = outcome.result
+    if result["mismatch"] is not None:
+        raise RuntimeError(f"the core must be as the golden model, not: {result['mismatch']}")
+    clocks = sum(entry["iteration"] for entry in result["clocks"])
+    return {
+        "iterations_per_second": steps / result["seconds"],
+        "clocks_per_second": clocks / result["seconds"],
+    }
+
+
+def _generator() -> list[dict[str, float]]:
+    """Time of the scheduler and of the generator by the number of states, in s."""
+    from ukf_hdl.generate import generate
+    from ukf_sw.engine.microcode import Microcode
+
+    rows: list[dict[str, float]] = []
+    for n in SIZES:
+        params = UkfParams(n=n, m=6, q=n, r=6, pes=PES)
+        schedule = _seconds(lambda params=params: Microcode(params, Pipeline()), repeats=1)
+        with tempfile.TemporaryDirectory() as folder:
+            started = time.perf_counter()
+            files = generate(params, Pipeline(), Path(folder))
+            rows.append({
+                "n": n, "schedule_seconds": schedule,
+                "generate_seconds": time.perf_counter() - started,
+                "verilog_bytes": sum(f.stat().st_size for f in files if f.suffix == ".v"),
+            })  # fmt: skip
+    return rows
+
+
+def _sweep() -> dict[str, float]:
+    """Points a second of a sweep without synthesis, in this process, and from the cache."""
+    from ukf_tools.design_space.cache import Cache
+    from ukf_tools.design_space.executors import LocalExecutor
+    from ukf_tools.design_space.points import grid
+    from ukf_tools.design_space.sweep import Questions, sweep
+
+    points = grid([("nanosat", NANOSAT)], pes=range(1, 23), pipelines=(Pipeline(), Pipeline(add=3)))
+    with tempfile.TemporaryDirectory() as folder:
+        cache, executor = Cache(Path(folder)), LocalExecutor()
+        first = sweep(points, Questions(resources=False), cache, executor)
+        again = sweep(points, Questions(resources=False), cache, executor)
+    return {
+        "points": len(points),
+        "workers": executor.workers,
+        "points_per_second": len(points) / first.seconds,
+        "cached_points_per_second": len(points) / again.seconds,
+    }
+
+
+def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
+    """Measure everything.
+
+    Parameters
+    ----------
+    steps
+        Iterations of the models.
+    cosimulated
+        Iterations of the co-simulation.
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+    """
+    record: dict[str, Any] = {
+        "computer": {
+            "processors": len(os.sched_getaffinity(0)),
+            "machine": platform.machine(),
+            "python": platform.python_version(),
+            "load": round(os.getloadavg()[0], 2),
+        },
+        "configuration": f"nanosat, square-root form, binary32, {PES} PEs",
+    }
+    with Progress() as bars:
+        jobs = {
+            "models": lambda: _models(steps), "cosimulation": lambda: _cosimulation(cosimulated),
+            "generator": _generator, "sweep": _sweep,
+        }  # fmt: skip
+        bar = bars.add_task("Measuring", total=len(jobs))
+        for name, work in jobs.items():
+            bars.update(bar, description=f"Measuring: {name}")
+            record[name] = work()
+            bars.advance(bar)
+    return record
+
+
+def markdown(record: dict[str, Any]) -> str:
+    """Write measurements as a table."""
+    models, cosim, sweep = record["models"], record["cosimulation"], record["sweep"]
+    computer = record["computer"]
+    lines = [
+        "| What | Speed |",
+        "|------|------:|",
+        f"| golden model, nanosatellite | {models['golden']:.0f} iterations a second |",
+        f"| filterpy, float64, same data | {models['filterpy']:.0f} iterations a second |",
+        f"| golden model to filterpy | {models['golden_to_filterpy']:.2f} |",
+        f"| float64 reference | {models['reference']:.0f} iterations a second |",
+        (
+            f"| co-simulation in lockstep | {cosim['iterations_per_second']:.1f} iterations, "
+            f"{cosim['clocks_per_second']:.0f} clocks a second |"
+        ),
+        (
+            f"| sweep of {sweep['points']} cores, no synthesis, {sweep['workers']} processes | "
+            f"{sweep['points_per_second']:.1f} cores a second |"
+        ),
+        f"| the same from the cache | {sweep['cached_points_per_second']:.0f} cores a second |",
+    ]
+    lines += [
+        f"| n = {row['n']}: schedule, then generate | {row['schedule_seconds']:.1f} s, "
+        f"{row['generate_seconds']:.1f} s |"
+        for row in record["generator"]
+    ]
+    lines += [
+        "",
+        (
+            f"{record['configuration']}; {computer['processors']} processors of "
+            f"{computer['machine']}, Python {computer['python']}, load {computer['load']:g} at the "
+            "start. filterpy calls the models once a point."
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measure, and write ``docs/measured/bench.json``."""
+    record = measure()
+    MEASURED.parent.mkdir(parents=True, exist_ok=True)
+    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    print(markdown(record))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""Time of an iteration of the nanosatellite beside tables 1 and 4 of the 2018 paper."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ukf_sim.session import CACHE, Job, cosimulate
+from ukf_sim.simulators import Simulator
+from ukf_sw.problems.configurations import CONFIGURATIONS, Problem
+from ukf_sw.spec.parameters import Pipeline
+from ukf_tools.estimate.latency import latency
+
+__all__ = ["BUS_CLOCKS", "MEASURED", "Traffic", "measure_traffic", "timing_table"]
+
+#: Clocks a word on the paper's bus at 100 MHz: its transfers took 116 us, for 726 words of sigma
+#: points (20, 7 and 6 rows of 22), 13 of z and x, and a few of registers.
+BUS_CLOCKS = 15.6
+CLOCKS_PER_US = 100.0
+#: The paper's arithmetic of both models on its processor, us.
+MODELS_US = 21.0
+#: Its table 4, us: numbers of PEs, then its rows. For 1 PE sig_gen is within predict.
+PES = (1, 2, 5, 10)
+PAPER: dict[str, tuple[float | None, ...]] = {
+    "sigma points": (None, None, 92.0, 61.0, 51.0),
+    "system models": (52.0, 137.0, 137.0, 137.0, 137.0),
+    "predict": (522.0, 170.0, 13.0, 8.5, 6.5),
+    "update": (87.0, 56.0, 30.0, 21.0, 17.0),
+    "total": (660.0, 363.0, 272.0, 228.0, 212.0),
+}
+#: Where the traffic that the table is made of is kept.
+MEASURED = Path(__file__).parents[2] / "measured" / "iteration.json"
+#: Iterations to co-simulate; all but the first are alike.
+STEPS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traffic:
+    """What an iteration takes on the bus, co-simulated.
+
+    Parameters
+    ----------
+    words
+        Words of the buffer, both ways.
+    control
+        Words of the registers, both ways.
+    clocks
+        Clocks of the whole iteration, the models' arithmetic apart.
+    cycles
+        Clocks of it in which the core computed.
+    pes
+        Processing elements of the core.
+    """
+
+    words: int
+    control: int
+    clocks: int
+    cycles: int
+    pes: int
+
+    def microseconds(self, cycles: int) -> float:
+        """Time of an iteration in which the core computes for other cycles."""
+        return ((self.words + self.control) * BUS_CLOCKS + cycles) / CLOCKS_PER_US + MODELS_US
+
+
+def measure_traffic(
+    name: str, *, pes: int = 1, cache: Path = CACHE, progress: Callable[[str], None] | None = None
+) -> Traffic:
+    """Co-simulate a configuration with the paper's bus.
+
+    Parameters
+    ----------
+    name
+        Name of a configuration of the nanosatellite.
+    pes
+        Processing elements.
+    cache
+        Folder of compiled cores.
+    progress
+        Called with what is being done.
+
+    Raises
+    ------
+    RuntimeError
+        If the core differs from the golden model.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    params = replace(CONFIGURATIONS[name].params, pes=pes)
+    job = Job(
+        params=params,
+        task="ukf_sim.tasks:run_problem",
+        arguments={"problem": Problem(configuration=name, params=params), "steps": STEPS},
+        word_clocks=BUS_CLOCKS,
+    )
+    tell = progress or (lambda what: None)
+    outcome = cosimulate(
+        job, Simulator.VERILATOR, cache=cache, progress=lambda phase, done: tell(f"{name}: {phase}")
+    )
+    found = outcome.result
+    if found["mismatch"] is not None or found["stopped"] is not None:
+        raise RuntimeError(f"{name}: {found['mismatch'] or found['stopped']}")
+    traffic, clocks = found["traffic"][-1], found["clocks"][-1]
+    # The driver reads the cycles of both steps only to check them here.
+    checks = sum(step in found["cycles"][-1] for step in ("PREDICT", "UPDATE", "SIG_GEN"))
+    return Traffic(
+        words=traffic["words_read"] + traffic["words_written"],
+        control=traffic["control_reads"] + traffic["control_writes"] - checks,
+        clocks=clocks["iteration"],
+        cycles=sum(found["cycles"][-1].values()),
+        pes=pes,
+    )
+
+
+def load(file: Path = MEASURED) -> dict[str, Traffic]:
+    """Read what was measured, by configuration."""
+    records: dict[str, dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
+    return {name: Traffic(**record) for name, record in records.items()}
+
+
+def timing_table(measured: dict[str, Traffic]) -> str:
+    """Make the table, in Markdown, of the traffic of "nanosat" and "nanosat-additive"."""
+    us = "{:.1f}".format
+    schedule = {
+        name: [latency(replace(CONFIGURATIONS[name].params, pes=pes), Pipeline()) for pes in PES]
+        for name in measured
+    }
+    ours = {
+        "sigma points": ["in update"] * len(PES),
+        "predict": [us(p["steps"]["PREDICT"] / CLOCKS_PER_US) for p in schedule["nanosat"]],
+        "update": [us(p["steps"]["UPDATE"] / CLOCKS_PER_US) for p in schedule["nanosat"]],
+    }
+    for key, row in (("nanosat", "total"), ("nanosat-additive", "total, additive noise")):
+        traffic = measured[key]
+        if key == "nanosat":
+            ours["system models"] = [us(traffic.microseconds(0))] * len(PES)
+        ours[row] = [f"**{us(traffic.microseconds(p['total']))}**" for p in schedule[key]]
+    rows = [
+        "| µs | software | " + " | ".join(f"2018, {pes} PE{'s' * (pes > 1)}" for pes in PES)
+        + " | " + " | ".join(f"here, {pes}" for pes in PES) + " |",
+        "|---|" + "---:|" * (1 + 2 * len(PES)),
+    ]  # fmt: skip
+    for name in (*PAPER, "total, additive noise"):
+        paper = ["–" if value is None else f"{value:g}" for value in PAPER.get(name, (None,) * 5)]
+        rows.append(f"| {name} | " + " | ".join((*paper, *ours[name])) + " |")
+    notes = [
+        f"{name}: {t.words} words of data and {t.control} of registers an iteration; with "
+        f"{BUS_CLOCKS} clocks a word the co-simulation of {t.pes} PE took {t.clocks} clocks, of "
+        f"which the core computed {t.cycles}"
+        for name, t in measured.items()
+    ]
+    return "\n".join((*rows, "", "; ".join(notes) + "."))

@@ -1,0 +1,59 @@
+"""What the floating-point units have in common."""
+
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ukf_sw.spec.float_format import FloatFormat
+
+__all__ = ["FloatUnit"]
+
+MAX_STAGES = 16
+
+
+class FloatUnit(wiring.Component):
+    """A pipelined function of floating-point numbers, one result per clock.
+
+    There is no handshake: operands are taken on every clock, and the result follows
+    :py:`stages` clocks later. It does not depend on :py:`stages`.
+
+    Parameters
+    ----------
+    fmt : :class:`FloatFormat`
+        Number format.
+    stages : :class:`int`
+        Latency in clocks, 1 to 16. Beyond the places that a unit has for registers, additional
+        ones only delay the result.
+    operands : :class:`tuple` of :class:`str`
+        Names of the inputs.
+    result : :class:`str`
+        Name of the output.
+
+    Raises
+    ------
+    TypeError
+        If :py:`fmt` is not a :class:`FloatFormat`.
+    ValueError
+        If :py:`stages` is not an integer in range.
+    """
+
+    def __init__(self, fmt, stages, *, operands, result):
+        if not isinstance(fmt, FloatFormat):
+            raise TypeError(f"Format must be a FloatFormat, not {fmt!r}")
+        if stages not in range(1, MAX_STAGES + 1):
+            raise ValueError(f"Stages must be between 1 and {MAX_STAGES}, not {stages!r}")
+        self._fmt = fmt
+        self._stages = stages
+        super().__init__({
+            **{name: In(fmt.width) for name in operands},
+            result: Out(fmt.width),
+        })  # fmt: skip
+
+    @property
+    def fmt(self):
+        """Format given to the constructor."""
+        return self._fmt
+
+    @property
+    def stages(self):
+        """Latency given to the constructor."""
+        return self._stages

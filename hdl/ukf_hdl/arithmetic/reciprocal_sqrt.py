@@ -1,0 +1,251 @@
+"""Reciprocal square root."""
+
+from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib.memory import Memory
+
+from ukf_hdl.arithmetic.float_unit import FloatUnit
+from ukf_hdl.arithmetic.pipelining import CutPoints
+from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
+from ukf_sw.spec.parameters import Pipeline
+
+__all__ = ["ReciprocalSqrt"]
+
+# Where registers stand, for each number of stages: without and with Newton's iteration.
+_CUTS = {
+    1: (),
+    2: ("slope",),
+    3: ("table", "slope"),
+    4: ("table", "slope", "root"),
+    5: ("table", "slope_product", "slope", "root"),
+    6: ("table", "slope_product", "slope", "root_product", "root"),
+}
+_NEWTON_CUTS = {
+    1: (),
+    2: ("root",),
+    3: ("slope", "root"),
+    4: ("slope", "root", "residual"),
+    5: ("slope", "root", "product", "residual"),
+    6: ("table", "slope", "root", "product", "residual"),
+    7: ("table", "slope", "root", "product", "residual", "correction"),
+    8: ("table", "slope_product", "slope", "root", "product", "residual", "correction"),
+    9: (
+        "table", "slope_product", "slope", "root_product", "root", "product", "residual",
+        "correction",
+    ),
+}  # fmt: skip
+
+# Width of the widest port of a RAMB18.
+_BLOCK_BITS = 36
+_BLOCK_MIN_DEPTH = 128
+
+
+class ReciprocalSqrt(FloatUnit):
+    """Reciprocal square root, one per clock.
+
+    Gives :py:`1 / sqrt(a)` on :py:`root`, :py:`stages` clocks after :py:`a`; equal to
+    :py:`ReciprocalSqrtParams(fmt=fmt).compute(a)`. There is no handshake: a number is taken on
+    every clock. The root does not depend on :py:`stages`.
+
+    The root of a positive normal number is off by less than one unit in the last place, and exact
+    for powers of four. A zero of either sign gives plus zero, not infinity, and so do subnormal
+    numbers and plus infinity. Other negative numbers and NaN give the NaN of the format.
+
+    Parameters
+    ----------
+    fmt : :class:`FloatFormat`
+        Number format.
+    stages : :class:`int`
+        Latency in clocks, 1 to 16. From 7 on, or 10 in formats that use Newton's iteration,
+        additional registers only delay the root.
+
+    Members
+    -------
+    a : :py:`In(fmt.width)`
+        Operand.
+    root : :py:`Out(fmt.width)`
+        Reciprocal square root.
+
+    Attributes
+    ----------
+    DEFAULT_STAGES : :class:`int`
+        Fewest stages that support 100 MHz on a 7-series FPGA in the binary32 format.
+    """
+
+    DEFAULT_STAGES = Pipeline.reciprocal_sqrt
+
+    def __init__(self, fmt, *, stages=DEFAULT_STAGES):
+        super().__init__(fmt, stages, operands=("a",), result="root")
+        self._params = ReciprocalSqrtParams(fmt=fmt)
+
+    def elaborate(self, platform):
+        m = Module()
+        params, fmt = self._params, self.fmt
+        cuts = _NEWTON_CUTS if params.newton else _CUTS
+        pipeline = CutPoints(m, self._stages, cuts)
+
+        # The radicand is only used by Newton's iteration.
+        control = self._elaborate_control(m)
+        fraction = self.a[: fmt.fraction_bits]
+        odd = ~self.a[fmt.fraction_bits]
+        radicand = Mux(odd, Cat(Const(0, 1), fraction, Const(1, 1)), Cat(fraction, Const(1, 2)))
+        if not params.newton:
+            radicand = Const(0, 1)
+        low = fraction[fmt.fraction_bits - params.distance_fraction_bits : -params.index_bits]
+        distance = Cat(low[:-1], ~low[-1]).as_signed()
+
+        index = Cat(fraction[-params.index_bits :], odd)
+        c0, c1, c2 = self._elaborate_table(m, index, pipeline)
+        distance, radicand, *control = pipeline.cut("table", distance, radicand, *control)
+
+        # c1 + d * c2
+        if params.degree == 2:
+            product = Signal(signed(params.distance_bits + len(c2)), name="slope_product")
+            m.d.comb += product.eq(distance * c2)
+        else:
+            product = Const(0, 1)
+        product, c0, c1, distance, radicand, *control = pipeline.cut(
+            "slope_product", product, c0, c1, distance, radicand, *control
+        )
+        slope = c1
+        if params.degree == 2:
+            fine_bits = params.c2_fraction_bits + params.distance_fraction_bits
+            total = Signal(signed(fine_bits + 1), name="slope_total")
+            m.d.comb += total.eq((c1 << (fine_bits - params.c1_fraction_bits)) + product)
+            slope = total[fine_bits - params.slope_fraction_bits :].as_signed()
+        slope, c0, distance, radicand, *control = pipeline.cut(
+            "slope", slope, c0, distance, radicand, *control
+        )
+
+        # c0 + d * (c1 + d * c2)
+        scale_bits = params.slope_fraction_bits + params.distance_fraction_bits
+        product = Signal(signed(params.distance_bits + len(slope)), name="root_product")
+        m.d.comb += product.eq(distance * slope)
+        product, c0, radicand, *control = pipeline.cut(
+            "root_product", product, c0, radicand, *control
+        )
+        total = Signal(scale_bits + 1, name="root_total")
+        m.d.comb += total.eq((c0 << (scale_bits - params.c0_fraction_bits)) + product)
+        root = total[scale_bits - params.root_fraction_bits :]
+        root, radicand, *control = pipeline.cut("root", root, radicand, *control)
+
+        if params.newton:
+            root, control = self._elaborate_newton(m, pipeline, root, radicand, control)
+        pipeline.output(self.root, self._elaborate_result(m, root, *control))
+
+        return m
+
+    def _elaborate_control(self, m):
+        """Exponent of a root below one, and special results."""
+        fmt = self.fmt
+        field = self.a[fmt.fraction_bits : -1]
+        exponent = Signal(fmt.exponent_bits)
+        zero = Signal()
+        nan = Signal()
+        m.d.comb += [
+            # Half the bias, rounded up, comes back when the stored exponent is halved.
+            exponent.eq((3 * fmt.bias - 1 - field) >> 1),
+            zero.eq((field == 0) | field.all()),
+            nan.eq(((field != 0) & self.a[-1]) | (field.all() & self.a[: fmt.fraction_bits].any())),
+        ]
+        return exponent, zero, nan
+
+    def _elaborate_table(self, m, index, pipeline):
+        """Look up the coefficients, with the register of the cut "table" inside the memories."""
+        params = self._params
+        fractions = [params.c0_fraction_bits, params.c1_fraction_bits, params.c2_fraction_bits]
+        columns = list(zip(*params.table, strict=True))
+        if params.degree == 1:
+            del columns[2]
+        widths = []
+        # The leading bits that all entries of a coefficient share are not stored.
+        shared = []
+        for column, fraction_bits in zip(columns, fractions, strict=False):
+            full = fraction_bits + 1
+            words = [value & ((1 << full) - 1) for value in column]
+            width = full
+            while len({word >> (width - 1) for word in words}) == 1:
+                width -= 1
+            widths.append(width)
+            shared.append(Const(words[0] >> width, full - width))
+
+        def pack(row):
+            packed = position = 0
+            for value, width in zip(row, widths, strict=False):
+                packed |= (value & ((1 << width) - 1)) << position
+                position += width
+            return packed
+
+        # A deep table goes to one block RAM, as far as its width reaches, and for the rest to LUTs.
+        # That rest includes the coefficient that is multiplied first, which is needed early.
+        init = [pack(row) for row in params.table]
+        total = sum(widths)
+        registered = pipeline.uses("table")
+        block_bits = min(total, _BLOCK_BITS)
+        if not registered or len(init) < _BLOCK_MIN_DEPTH:
+            block_bits = 0
+        parts = []
+        for name, start, end in (("block", 0, block_bits), ("logic", block_bits, total)):
+            if start == end:
+                continue
+            mask = (1 << (end - start)) - 1
+            attributes = {"rom_style": "block"} if name == "block" else {}
+            memory = Memory(
+                shape=end - start,
+                depth=len(init),
+                init=[(word >> start) & mask for word in init],
+                attrs=attributes,
+            )
+            port = memory.read_port(domain="sync" if registered else "comb")
+            m.submodules[f"{name}_table"] = memory
+            m.d.comb += port.addr.eq(index)
+            parts.append(port.data)
+
+        data = Cat(*parts)
+        coefficients = []
+        position = 0
+        for width, leading in zip(widths, shared, strict=True):
+            coefficients.append(Cat(data[position : position + width], leading))
+            position += width
+        c0, c1, *c2 = coefficients
+        return c0, c1.as_signed(), c2[0] if c2 else Const(0, 1)
+
+    def _elaborate_newton(self, m, pipeline, root, radicand, control):
+        """Add half of y * (1 - r * y * y) to the root y."""
+        params, precision = self._params, self.fmt.precision
+        # r * y
+        product = Signal(params.product_fraction_bits + 2, name="newton_product")
+        m.d.comb += product.eq((radicand * root) >> (params.root_fraction_bits - 6))
+        product, root, *control = pipeline.cut("product", product, root, *control)
+
+        # What is above the residual is known: it is small.
+        residual_end = params.root_fraction_bits + params.residual_bits
+        square = Signal(residual_end, name="newton_square")
+        residual = Signal(signed(params.residual_bits), name="newton_residual")
+        m.d.comb += [
+            square.eq(-(product * root)),
+            residual.eq(square[params.root_fraction_bits :]),
+        ]
+        residual, root, *control = pipeline.cut("residual", residual, root, *control)
+
+        drop = params.product_fraction_bits + params.root_fraction_bits + 1 - precision
+        correction = Signal(signed(params.residual_bits + len(root) + 1), name="correction")
+        m.d.comb += correction.eq(root * residual + (1 << (drop - 1)))
+        correction, root, *control = pipeline.cut("correction", correction, root, *control)
+
+        refined = Signal(precision + 1)
+        m.d.comb += refined.eq(
+            (root << (precision - params.root_fraction_bits)) + (correction >> drop)
+        )
+        return refined, control
+
+    def _elaborate_result(self, m, root, exponent, zero, nan):
+        """Assemble the result."""
+        fmt = self.fmt
+        result = Signal(fmt.width)
+        # A root of one is one doubling above the others; its fraction is zero.
+        m.d.comb += result.eq(Cat(root[: fmt.fraction_bits], exponent + root[fmt.precision]))
+        with m.If(nan):
+            m.d.comb += result.eq(fmt.nan)
+        with m.Elif(zero):
+            m.d.comb += result.eq(0)
+        return result

@@ -1,0 +1,258 @@
+"""The buffer: where the words of the memory map are in the memories of the engine."""
+
+from amaranth import Cat, Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.utils import ceil_log2
+
+from ukf_hdl.core.axi4_lite import AccessSignature
+from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.timing import LOAD_LATENCY
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import UkfParams
+
+__all__ = ["Buffer"]
+
+DATA_WIDTH = 32
+
+
+class Buffer(wiring.Component):
+    """Reads and writes elements of the matrices over the bus.
+
+    Takes the region, row and column fields of an address to a lane and an address of the engine's
+    memories, by tables. A write takes two clocks, a read five: one for the tables, three for the
+    memories, and the answer on the clock after. An access that is refused takes two.
+
+    Refused, without effect and reading zero: every access that begins while :py:`busy`, and every
+    access outside of the regions. A format narrower than 32 bits ignores the upper bits of a
+    write and reads them as zero; a wider one has two words an element, the lower first, each
+    written on its own.
+
+    Parameters
+    ----------
+    params : :class:`UkfParams`
+        What the core computes.
+    layout : :class:`Layout`
+        Where everything is in the engine's memories.
+
+    Members
+    -------
+    access : :py:`In(AccessSignature(...))`
+        Accesses; addresses as in :class:`MemoryMap`.
+    busy : :py:`In(1)`
+        High while the engine runs.
+    state_bank, factor_bank : :py:`In(1)`
+        Which copies of x and L are the current ones.
+    state_written, factor_written : :py:`Out(1)`
+        High for one clock when x, when L is written, at least one byte of it.
+    lane, address : :py:`Out(range(params.pes))`, :py:`Out(layout.address_width)`
+        Word of the memories, from the second clock of an access to its end.
+    write, write_data, write_strobe : :py:`Out(1)`, :py:`Out(width)`, :py:`Out(bytes)`
+        Write to that word, on this clock, of the bytes that are strobed.
+    read_data : :py:`In(width)`
+        That word, :py:`LOAD_LATENCY` clocks after it is asked for.
+
+    Raises
+    ------
+    TypeError
+        If a parameter is of the wrong kind.
+    ValueError
+        If the layout does not have the rows of a region at fixed distances of beats.
+    """
+
+    def __init__(self, params, layout):
+        if not isinstance(params, UkfParams):
+            raise TypeError(f"Parameters must be a UkfParams, not {params!r}")
+        if not isinstance(layout, Layout):
+            raise TypeError(f"Layout must be a Layout, not {layout!r}")
+        self._params = params
+        self._layout = layout
+        self._map = MemoryMap(params)
+        self._tabulate()
+
+        width = params.format.width
+        super().__init__({
+            "access":         In(AccessSignature(address_width=self._map.address_width)),
+            "busy":           In(1),
+            "state_bank":     In(1),
+            "factor_bank":    In(1),
+            "state_written":  Out(1),
+            "factor_written": Out(1),
+            "lane":           Out(range(params.pes)),
+            "address":        Out(layout.address_width),
+            "write":          Out(1),
+            "write_data":     Out(width),
+            "write_strobe":   Out(-(-width // 8)),
+            "read_data":      In(width),
+        })  # fmt: skip
+
+    def _location(self, region, row, column, **banks):
+        return self._layout.buffer_location(region.symbol, row, column, **banks)
+
+    def _tabulate(self):
+        """Split the places of all elements into tables over region, row and column.
+
+        A region's element (row, column) is at position ``first + column`` of a vector that starts
+        at a base address of its row: lane ``position % P``, address ``base + position // P``. The
+        measurement z is a column, so it counts as a matrix of one element in each row.
+        """
+        pes = self._params.pes
+        self._first = {}
+        self._bases = {}
+        self._distances = {}
+        for region in self._map:
+            rows, columns = self._shape(region)
+            self._first[region] = self._location(region, 0, 0)[0]
+            self._distances[region] = self._bank_distances(region)
+            for row in range(rows):
+                base = self._bases[region, row] = self._at(region, row, 0)[1]
+                if any(base & distance for distance in self._distances[region]):
+                    raise ValueError(f"Layout must have bank 0 of {region.symbol} below bank 1")
+                for column in range(columns):
+                    beat, lane = divmod(self._first[region] + column, pes)
+                    if self._at(region, row, column) != (lane, base + beat):
+                        raise ValueError(
+                            f"Layout must have element ({row}, {column}) of {region.symbol} in "
+                            f"lane {lane}, not {self._at(region, row, column)!r}"
+                        )
+
+    def _at(self, region, row, column):
+        """Place of an element, z being a column."""
+        if region.symbol == "z":
+            row, column = column, row
+        return self._location(region, row, column)
+
+    def _shape(self, region):
+        """Rows and columns of a region, z being a column."""
+        return (region.columns, 1) if region.symbol == "z" else (region.rows, region.columns)
+
+    def elaborate(self, platform):
+        m = Module()
+        access = self.access
+
+        # First clock: look the place up.
+        valid, lane, address = self._elaborate_decode(m)
+        refused = Signal()
+        clock = Signal(range(LOAD_LATENCY + 2))
+        with m.If(clock == 0):
+            m.d.sync += [
+                refused.eq(~valid | self.busy),
+                self.lane.eq(lane),
+                self.address.eq(address),
+            ]
+
+        # Then: write or fail at once, or wait for the memories.
+        writing = Signal()
+        m.d.comb += [
+            access.ack.eq(((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)),
+            access.error.eq(refused),
+            writing.eq((clock == 1) & access.write & ~refused),
+            self.write.eq(writing),
+        ]
+        with m.If(~access.valid | access.ack):
+            m.d.sync += clock.eq(0)
+        with m.Else():
+            m.d.sync += clock.eq(clock + 1)
+
+        self._elaborate_words(m, refused)
+
+        region = self._fields()[0]
+        with m.If(writing & access.strobe.any()):
+            m.d.comb += [
+                self.state_written.eq(region == self._map["x"].index),
+                self.factor_written.eq(region == self._map["L"].index),
+            ]
+        return m
+
+    def _fields(self):
+        """Region, row and column fields of the address."""
+        memory_map = self._map
+        bits = self.access.address[memory_map.byte_bits :]
+        column = bits[: memory_map.column_bits]
+        row = bits[memory_map.column_bits : memory_map.column_bits + memory_map.row_bits]
+        return bits[memory_map.column_bits + memory_map.row_bits :], row, column
+
+    def _elaborate_decode(self, m):
+        """From the fields of an address to a place."""
+        region_field, row_field, column_field = self._fields()
+        pes = self._params.pes
+        regions = tuple(self._map)
+
+        # z is a column: swap its fields.
+        row = Signal(max(len(row_field), len(column_field)))
+        column = Signal.like(row)
+        m.d.comb += [row.eq(row_field), column.eq(column_field)]
+        with m.If(region_field == self._map["z"].index):
+            m.d.comb += [row.eq(column_field), column.eq(row_field)]
+
+        # Per region: is the element inside, and at what position of its row?
+        valid = Signal()
+        first = Signal(range(max(self._first.values()) + 1))
+        offset = Signal(self._layout.address_width)
+        with m.Switch(region_field):
+            for region in regions:
+                rows, columns = self._shape(region)
+                with m.Case(region.index):
+                    m.d.comb += [
+                        valid.eq((row < rows) & (column < columns)),
+                        first.eq(self._first[region]),
+                    ]
+                    for bank, distance in zip(
+                        (self.state_bank, self.factor_bank), self._distances[region], strict=True
+                    ):
+                        if distance:
+                            with m.If(bank):
+                                m.d.comb += offset.eq(distance)
+
+        # Per position: lane and beat.
+        last = max(self._first[region] + self._shape(region)[1] for region in regions) - 1
+        position = Signal(range(last + 1))
+        lane = Signal(range(pes))
+        beat = Signal(range(last // pes + 1))
+        m.d.comb += position.eq(first + column)
+        if pes == 1 << ceil_log2(pes):
+            m.d.comb += [lane.eq(position), beat.eq(position >> ceil_log2(pes))]
+        else:
+            with m.Switch(position):
+                for value in range(last + 1):
+                    with m.Case(value):
+                        m.d.comb += [lane.eq(value % pes), beat.eq(value // pes)]
+
+        # Per row: base address. Banks differ in one bit that bases of banked rows do not have.
+        base = Signal(self._layout.address_width)
+        with m.Switch(Cat(row, region_field)):
+            for (region, index), value in self._bases.items():
+                with m.Case(region.index << len(row) | index):
+                    m.d.comb += base.eq(value)
+        address = Signal(self._layout.address_width)
+        m.d.comb += address.eq((base | offset) + beat)
+        return valid, lane, address
+
+    def _bank_distances(self, region):
+        """Distance of the other copy, for the state bank and for the factor bank."""
+        origin = self._location(region, 0, 0)[1]
+        return (
+            self._location(region, 0, 0, state_bank=1)[1] - origin,
+            self._location(region, 0, 0, factor_bank=1)[1] - origin,
+        )
+
+    def _elaborate_words(self, m, refused):
+        """Between elements and words of the bus."""
+        access = self.access
+        words = self._params.format.bus_words
+        strobe_width = DATA_WIDTH // 8
+        read_words = Signal(words * DATA_WIDTH)
+        selected = Signal(DATA_WIDTH)
+        # A word of a wide element, by the lowest bit of the address of words.
+        word = access.address[2 : self._map.byte_bits]
+        m.d.comb += [
+            read_words.eq(self.read_data),
+            selected.eq(read_words.word_select(word, DATA_WIDTH) if words > 1 else read_words),
+            self.write_data.eq(Cat(access.data for _ in range(words))),
+        ]
+        for index in range(words):
+            with m.If(word == index):
+                lanes = slice(index * strobe_width, (index + 1) * strobe_width)
+                m.d.comb += self.write_strobe[lanes].eq(access.strobe)
+        with m.If(~refused):
+            m.d.comb += access.read_data.eq(selected)

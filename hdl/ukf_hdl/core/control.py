@@ -1,0 +1,500 @@
+"""Control registers of the core and the state machine of its steps."""
+
+from amaranth import Cat, Module, Mux, Signal, Value
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ukf_hdl.core.axi4_lite import AccessSignature
+from ukf_hdl.core.soc import csr, event
+from ukf_sw.engine.programs import Program
+from ukf_sw.spec import registers
+from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.registers import DATA_WIDTH, REGISTERS, Access, ErrorCode, Step
+
+__all__ = ["Control", "reset_value"]
+
+#: Steps that a bit of CONTROL starts, in the order of the bits.
+STEPS = tuple(step for step in Step if step is not Step.IDLE)
+
+
+class StrobedRW(csr.FieldAction):
+    """A read/write field of which only the strobed bits are written.
+
+    A CSR bus has no byte strobes: they come from the side.
+
+    Parameters
+    ----------
+    shape : :ref:`shape-like object <lang-shapelike>`
+        Shape of the field.
+    init : :class:`int`
+        Value after reset.
+
+    Members
+    -------
+    strobe : :py:`In(shape)`
+        Bits to write, valid on the clock of the write.
+    data : :py:`Out(shape)`
+        Value.
+    next : :py:`Out(shape)`
+        Value on the next clock: on the clock of a write, what it leaves.
+    """
+
+    def __init__(self, shape, *, init=0):
+        super().__init__(
+            shape,
+            access="rw",
+            members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
+        )
+        self._storage = Value.cast(Signal(shape, init=init))
+
+    def elaborate(self, platform):
+        m = Module()
+        m.d.comb += [
+            self.port.r_data.eq(self._storage),
+            self.data.eq(self._storage),
+            self.next.eq(self._storage),
+        ]
+        # Bit by bit, so that strobes become clock enables.
+        for index in range(len(self._storage)):
+            with m.If(self.port.w_stb & self.strobe[index]):
+                m.d.comb += self.next[index].eq(self.port.w_data[index])
+                m.d.sync += self._storage[index].eq(self.port.w_data[index])
+        return m
+
+
+class MonitorPending(csr.FieldAction):
+    """The pending bit of an event monitor: reads it, and writing 1 clears it.
+
+    Parameters
+    ----------
+    shape : :ref:`shape-like object <lang-shapelike>`
+        Shape of the field.
+
+    Members
+    -------
+    pending : :py:`In(shape)`
+        Events that are pending.
+    clear : :py:`Out(shape)`
+        Events to clear, high on the clock of the write.
+    """
+
+    def __init__(self, shape):
+        super().__init__(shape, access="rw", members={"pending": In(shape), "clear": Out(shape)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.d.comb += [
+            self.port.r_data.eq(self.pending),
+            self.clear.eq(Mux(self.port.w_stb, self.port.w_data, 0)),
+        ]
+        return m
+
+
+def reset_value(params: UkfParams, register: registers.Register, field: registers.Field) -> int:
+    """Give the value of a register field after reset, for a core of these parameters.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+    register, field
+        Field of :data:`ukf_sw.spec.registers.REGISTERS`.
+    """
+    infinity = params.format.infinity
+    values = {
+        (registers.SIZES, "N"): params.n,
+        (registers.SIZES, "Q"): params.q,
+        (registers.SIZES, "R"): params.r,
+        (registers.SIZES, "M"): params.m,
+        (registers.CONFIG, "PES"): params.pes,
+        (registers.CONFIG, "EXPONENT_BITS"): params.format.exponent_bits,
+        (registers.CONFIG, "FRACTION_BITS"): params.format.fraction_bits,
+        (registers.CONFIG, "COVARIANCE_FORM"): int(params.form is Form.COVARIANCE),
+        (registers.CONFIG, "ADDITIVE_Q"): int(params.process_noise is Noise.ADDITIVE),
+        (registers.CONFIG, "ADDITIVE_R"): int(params.observation_noise is Noise.ADDITIVE),
+        (registers.GATE_LOW, "VALUE"): infinity % (1 << DATA_WIDTH),
+        (registers.GATE_HIGH, "VALUE"): infinity >> DATA_WIDTH,
+    }
+    return values.get((register, field.name), field.reset)
+
+
+class Control(wiring.Component):
+    """Registers, flags and steps: everything about the core that is not arithmetic.
+
+    The layout of the registers is that of :mod:`ukf_sw.spec.registers`. Every access to
+    :py:`access` takes two clocks and a write has taken effect when it ends, so a read that follows
+    sees it. An access to an address without a register has no effect, reads zero and is answered
+    with an error; a write to a read-only field is ignored. Byte strobes are honoured.
+
+    A step starts when exactly one start bit is written, with ENABLE set by then, while no step
+    runs, and in sequence. :py:`start` follows one clock after the write takes effect. From that
+    clock until :py:`done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN with sigma
+    points already there ends at once, without :py:`start` and without ever being busy.
+
+    Races, on one clock: a write is judged before the end of a step. So a start on the clock of
+    :py:`done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET drops
+    the ending step; only a GATE written on that clock comes too late. An event wins over the
+    write that clears its pending bit.
+
+    Parameters
+    ----------
+    params : :class:`UkfParams`
+        What the core computes.
+
+    Members
+    -------
+    access : :py:`In(AccessSignature(...))`
+        Accesses to the register block; addresses are relative to it.
+    irq : :py:`Out(1)`
+        Interrupt, high while an enabled event is pending.
+    busy : :py:`Out(1)`
+        High while a step runs: the buffer must refuse accesses.
+    state_written, factor_written : :py:`In(1)`
+        High for one clock when x, when L has been written over the bus.
+    start, program : :py:`Out(1)`, :py:`Out(3)`
+        High for one clock to run a program; the program holds until the next start.
+    stop : :py:`Out(1)`
+        High for one clock to drop the running program.
+    done : :py:`In(1)`
+        High on the last clock of the program.
+    error_code, error_index, nis : :py:`In(8)`, :py:`In(8)`, :py:`In(params.format.width)`
+        Result of the program, valid with :py:`done`.
+    observation_mask : :py:`Out(params.m)`
+        Observations that take part in the step: MASK as it was at the start.
+    state_bank, factor_bank : :py:`Out(1)`
+        Which copies of x and L are the current ones.
+
+    Raises
+    ------
+    TypeError
+        If :py:`params` is not a :class:`UkfParams`.
+    RuntimeError
+        If the register map resolved by the library is not that of :mod:`ukf_sw.spec.registers`.
+    """
+
+    def __init__(self, params):
+        if not isinstance(params, UkfParams):
+            raise TypeError(f"Parameters must be a UkfParams, not {params!r}")
+        self._params = params
+        self._registers = self._build_registers()
+        self._bridge = csr.Bridge(self._build_map())
+        self._check_map()
+
+        memory_map = MemoryMap(params)
+        block_width = memory_map.address_width - memory_map.region_bits
+        super().__init__({
+            "access":           In(AccessSignature(address_width=block_width)),
+            "irq":              Out(1),
+            "busy":             Out(1),
+            "state_written":    In(1),
+            "factor_written":   In(1),
+            "start":            Out(1),
+            "program":          Out(Program),
+            "stop":             Out(1),
+            "done":             In(1),
+            "error_code":       In(8),
+            "error_index":      In(8),
+            "nis":              In(params.format.width),
+            "observation_mask": Out(params.m),
+            "state_bank":       Out(1),
+            "factor_bank":      Out(1),
+        })  # fmt: skip
+
+    @property
+    def params(self):
+        """Parameters given to the constructor."""
+        return self._params
+
+    @property
+    def memory_map(self):
+        """Map of the registers as the CSR library resolved it; addresses count words."""
+        return self._bridge.bus.memory_map
+
+    def _build_registers(self):
+        """Make a CSR register from every register of the description."""
+
+        def action(register, field):
+            reset = reset_value(self._params, register, field)
+            match field.access:
+                case Access.RO:
+                    return csr.Field(csr.action.R, field.width)
+                case Access.RW:
+                    return csr.Field(StrobedRW, field.width, init=reset)
+                case Access.W1S:
+                    return csr.Field(csr.action.W, field.width)
+                case Access.RW1C:
+                    return csr.Field(MonitorPending, field.width)
+
+        built = {}
+        for register in REGISTERS:
+            fields = {}
+            position = 0
+            for field in sorted(register, key=lambda field: field.lsb):
+                if field.lsb > position:
+                    fields[f"reserved_{position}"] = csr.Field(
+                        csr.action.ResR0WA, field.lsb - position
+                    )
+                fields[field.name] = action(register, field)
+                position = field.lsb + field.width
+            read_only = all(field.access is Access.RO for field in register)
+            built[register] = csr.Register(fields, access="r" if read_only else "rw")
+        return built
+
+    def _build_map(self):
+        last = max(register.offset for register in REGISTERS)
+        builder = csr.Builder(
+            addr_width=(last // (DATA_WIDTH // 8)).bit_length(),
+            data_width=DATA_WIDTH,
+            granularity=8,
+        )
+        for register, built in self._registers.items():
+            builder.add(register.name, built, offset=register.offset)
+        return builder.as_memory_map()
+
+    def _check_map(self):
+        resolved = {
+            str(info.path[-1][-1]): info.start * (DATA_WIDTH // 8)
+            for info in self.memory_map.all_resources()
+        }
+        described = {register.name: register.offset for register in REGISTERS}
+        if resolved != described:
+            raise RuntimeError(f"Register map must resolve to {described!r}, not {resolved!r}")
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.bridge = self._bridge
+        fields = {register.name: built.f for register, built in self._registers.items()}
+
+        self._elaborate_access(m)
+
+        # What a write does: fields of one register share the strobe of its write.
+        control = fields["CONTROL"]
+        starts = Signal(len(STEPS))
+        any_start = Signal()
+        reset = Signal()
+        m.d.comb += [
+            reset.eq(control.RESET.w_stb & control.RESET.w_data),
+            starts.eq(Cat(control[step.name].w_stb & control[step.name].w_data for step in STEPS)),
+            any_start.eq(starts.any() & ~reset),
+        ]
+
+        # Flags: what the memories hold.
+        initialised = Signal()
+        points = Signal()
+        predicted = Signal()
+        residuals = Signal()
+        gated = Signal()
+        ended = Signal(len(STEPS))
+        cycles = Signal(DATA_WIDTH)
+        error_code = Signal(8)
+        error_index = Signal(8)
+        nis = Signal(self._params.format.width)
+        state = Signal(Step)
+
+        # Events.
+        step_done = Signal()
+        error_recorded = Signal()
+        self._elaborate_interrupt(m, fields, step_done, error_recorded)
+
+        # Judgement of a start.
+        allowed = Signal()
+        at_once = Signal()
+        program = Signal(Program)
+        step = Signal(Step)
+        launch = Signal()
+        refuse = Signal()
+        with m.Switch(starts):
+            for index, (choice, condition, chosen) in enumerate((
+                (Step.INIT, 1, Program.INIT),
+                (Step.SIG_GEN, initialised,
+                 Mux(predicted, Program.SIG_GEN_PREDICTED, Program.SIG_GEN)),
+                (Step.PREDICT, points, Program.PREDICT),
+                (Step.UPDATE, residuals | points,
+                 Mux(residuals, Program.UPDATE, Program.UPDATE_REDRAWN)),
+                (Step.COVARIANCE, initialised,
+                 Mux(predicted, Program.COVARIANCE_PREDICTED, Program.COVARIANCE)),
+            )):  # fmt: skip
+                with m.Case(1 << index):
+                    m.d.comb += [allowed.eq(condition), program.eq(chosen), step.eq(choice)]
+        m.d.comb += [
+            at_once.eq((step == Step.SIG_GEN) & points),
+            launch.eq(any_start & allowed & control.ENABLE.next & ~self.busy),
+            refuse.eq(any_start & ~launch),
+            self.busy.eq(state != Step.IDLE),
+        ]
+
+        # Below, a later assignment wins over an earlier one.
+        # Writes over the bus to what steps start from.
+        with m.If(self.state_written):
+            m.d.sync += [points.eq(0), residuals.eq(0)]
+        with m.If(self.factor_written):
+            m.d.sync += [points.eq(0), residuals.eq(0), predicted.eq(0)]
+
+        # Start.
+        m.d.sync += [self.start.eq(0), self.stop.eq(0)]
+        with m.If(launch):
+            m.d.sync += [
+                error_code.eq(ErrorCode.NONE),
+                error_index.eq(0),
+                ended.eq(Mux(at_once, ended | starts, ended & ~starts)),
+                cycles.eq(0),
+            ]
+            with m.If(step == Step.UPDATE):
+                m.d.sync += gated.eq(0)
+            with m.If(~at_once):
+                m.d.sync += [
+                    state.eq(step),
+                    self.program.eq(program),
+                    self.observation_mask.eq(fields["MASK"].VALUE.data),
+                    self.start.eq(1),
+                ]
+        with m.If(refuse):
+            m.d.sync += [error_code.eq(ErrorCode.ILLEGAL_STEP), error_index.eq(0)]
+        with m.If(self.busy):
+            m.d.sync += cycles.eq(cycles + 1)
+
+        # End.
+        end = Signal()
+        failed = Signal()
+        m.d.comb += [
+            end.eq(self.busy & self.done & ~reset),
+            failed.eq(self.error_code != ErrorCode.NONE),
+            step_done.eq(end | (launch & at_once)),
+            error_recorded.eq((end & failed) | refuse),
+        ]
+        with m.If(end):
+            m.d.sync += state.eq(Step.IDLE)
+            with m.Switch(state):
+                for index, choice in enumerate(STEPS):
+                    with m.Case(choice):
+                        m.d.sync += ended[index].eq(1)
+            with m.If(failed):
+                m.d.sync += [error_code.eq(self.error_code), error_index.eq(self.error_index)]
+            self._elaborate_effects(
+                m, failed, fields, nis, gated, initialised, points, predicted, residuals
+            )
+
+        # Reset.
+        with m.If(reset):
+            m.d.sync += [
+                state.eq(Step.IDLE),
+                self.stop.eq(1),
+                Cat(initialised, points, predicted, residuals, gated, ended).eq(0),
+                Cat(error_code, error_index, cycles).eq(0),
+            ]
+
+        # What the registers show.
+        status = fields["STATUS"]
+        m.d.comb += [
+            status.STATE.r_data.eq(state),
+            status.INITIALISED.r_data.eq(initialised),
+            status.POINTS.r_data.eq(points),
+            status.RESIDUALS.r_data.eq(residuals),
+            status.GATED.r_data.eq(gated),
+            *(status[choice.name].r_data.eq(bit) for choice, bit in zip(STEPS, ended, strict=True)),
+            fields["ERROR"].CODE.r_data.eq(error_code),
+            fields["ERROR"].INDEX.r_data.eq(error_index),
+            fields["CYCLES"].VALUE.r_data.eq(cycles),
+            fields["NIS_LOW"].VALUE.r_data.eq(nis),
+            fields["NIS_HIGH"].VALUE.r_data.eq(nis >> DATA_WIDTH),
+        ]
+        for register in (registers.ID, registers.SIZES, registers.CONFIG):
+            for field in register:
+                value = reset_value(self._params, register, field)
+                m.d.comb += fields[register.name][field.name].r_data.eq(value)
+
+        return m
+
+    def _elaborate_access(self, m):
+        """From accesses to the CSR bus: two clocks each, strobes and unmapped addresses."""
+        access = self.access
+        bus = self._bridge.bus
+        word = access.address[2:]
+        mapped = Signal()
+        last = Signal()
+        strobe_mask = Signal(DATA_WIDTH)
+        with m.Switch(word):
+            for info in self.memory_map.all_resources():
+                with m.Case(info.start):
+                    m.d.comb += mapped.eq(1)
+        m.d.sync += last.eq(access.valid & ~last)
+        m.d.comb += [
+            strobe_mask.eq(Cat(strobe.replicate(8) for strobe in access.strobe)),
+            bus.addr.eq(word),
+            # A bit that is not strobed is written as 0, which does nothing to an action bit. The
+            # read/write fields take the strobes as well. They see the write on the second clock,
+            # through which the access holds.
+            bus.w_data.eq(access.data & strobe_mask),
+            bus.r_stb.eq(access.valid & ~access.write & mapped & ~last),
+            bus.w_stb.eq(access.valid & access.write & mapped & ~last),
+            access.ack.eq(last),
+            access.error.eq(~mapped),
+            access.read_data.eq(bus.r_data),
+        ]
+        for register, built in self._registers.items():
+            for field in register:
+                if field.access is Access.RW:
+                    bits = slice(field.lsb, field.lsb + field.width)
+                    m.d.comb += built.f[field.name].strobe.eq(strobe_mask[bits])
+
+    def _elaborate_interrupt(self, m, fields, step_done, error_recorded):
+        """Events, enable and pending bits, and the interrupt."""
+        sources = {
+            "DONE": (event.Source(path=("step_done",)), step_done),
+            "ERROR": (event.Source(path=("error_recorded",)), error_recorded),
+        }
+        events = event.EventMap()
+        for source, line in sources.values():
+            events.add(source)
+            m.d.comb += source.i.eq(line)
+        m.submodules.monitor = monitor = event.Monitor(events)
+        for name, (source, _) in sources.items():
+            index = events.index(source)
+            m.d.comb += [
+                monitor.enable[index].eq(fields["INTERRUPT_ENABLE"][name].data),
+                monitor.clear[index].eq(fields["INTERRUPT_PENDING"][name].clear),
+                fields["INTERRUPT_PENDING"][name].pending.eq(monitor.pending[index]),
+            ]
+        m.d.comb += self.irq.eq(monitor.src.i)
+
+    def _elaborate_effects(
+        self, m, failed, fields, nis, gated, initialised, points, predicted, residuals
+    ):
+        """What the end of a program does to the flags and banks."""
+        magnitude = slice(0, self._params.format.width - 1)
+        gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
+        above_gate = Signal()
+        # Magnitudes of floating-point numbers compare as integers.
+        m.d.comb += above_gate.eq(self.nis[magnitude] > gate[magnitude])
+
+        with m.Switch(self.program):
+            with m.Case(Program.INIT):
+                m.d.sync += [
+                    initialised.eq(~failed),
+                    Cat(points, predicted, residuals).eq(0),
+                ]
+            with m.Case(Program.SIG_GEN, Program.SIG_GEN_PREDICTED):
+                with m.If(~failed):
+                    m.d.sync += [points.eq(1), Cat(predicted, residuals).eq(0)]
+                    with m.If(self.program == Program.SIG_GEN_PREDICTED):
+                        m.d.sync += self.factor_bank.eq(~self.factor_bank)
+            with m.Case(Program.PREDICT):
+                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]
+                with m.If(~failed):
+                    m.d.sync += self.state_bank.eq(~self.state_bank)
+            with m.Case(Program.UPDATE, Program.UPDATE_REDRAWN):
+                with m.If(~failed):
+                    m.d.sync += nis.eq(self.nis)
+                with m.If(failed | above_gate):
+                    m.d.sync += gated.eq(~failed)
+                    # The redrawn program has overwritten what the flags stand for.
+                    with m.If(self.program == Program.UPDATE_REDRAWN):
+                        m.d.sync += Cat(points, predicted, residuals).eq(0)
+                with m.Else():
+                    m.d.sync += [
+                        points.eq(1),
+                        Cat(predicted, residuals).eq(0),
+                        self.state_bank.eq(~self.state_bank),
+                        self.factor_bank.eq(~self.factor_bank),
+                    ]

@@ -1,1 +1,0 @@
-"""Applications: running the catalogue and the studies, judging them, and drawing figures."""

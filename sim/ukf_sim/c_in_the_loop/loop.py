@@ -1,0 +1,189 @@
+"""C in the loop: the C driver and application on the simulated core, against the golden model.
+
+The program is one process: the model that Verilator makes of the generated Verilog, a manager on
+its AXI4-Lite port (harness.cpp), and the C code as it would run on the board.
+
+The estimates are compared bit for bit with those of the Python filter on the golden model. The
+models are in C there and in Python here, both in double; they use +, - and * only, in the same
+order, and the C code is compiled without fused multiply-add, so IEEE 754 leaves no room for a
+difference.
+"""
+
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ukf_hdl.generate import NAME, generate
+from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, INCLUDES, compile_objects
+from ukf_sim.session import CACHE, step_timeout
+from ukf_sim.simulators import PROGRAM, Build, SimulatorError, build_program
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
+from ukf_sw.spec.parameters import Pipeline
+
+__all__ = ["CLoopOutcome", "first_difference", "golden_results", "run_c_in_the_loop"]
+
+HARNESS = Path(__file__).with_name("harness.cpp")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CLoopOutcome:
+    """What came of a run.
+
+    Parameters
+    ----------
+    results
+        What the C application wrote.
+    mismatch
+        First difference from the golden model, or None.
+    clocks
+        Clocks of the core.
+    words, bus_clocks
+        Words on the bus, and the clocks that they took.
+    seconds, cpu_seconds
+        Time that the run took, the compilation excluded, and time of the processor: that is what
+        other programs on the machine disturb less.
+    build
+        The program.
+    """
+
+    results: CResults
+    mismatch: str | None
+    clocks: int
+    words: int
+    bus_clocks: int
+    seconds: float
+    cpu_seconds: float
+    build: Build
+
+
+def golden_results(scenario: Scenario, steps: int) -> CResults:
+    """Run the Python filter on the golden model; results as the C application writes them.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, with the parameters of the core.
+    steps
+        How many steps.
+    """
+    p = scenario.params
+    ukf = scenario.filter("golden")
+    x = np.empty((steps, p.n))
+    nis = np.full(steps, np.nan)
+    gated = np.zeros(steps, dtype=np.bool_)
+    for k in range(steps):
+        ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
+        mask = None if scenario.sampled is None else scenario.sampled[k]
+        if mask is None or mask.any():
+            ukf.update(scenario.measurements[k], mask)
+            nis[k], gated[k] = ukf.nis, ukf.gated
+        x[k] = ukf.x
+    return CResults(x=x, nis=nis, results=np.zeros(steps, np.uint32), gated=gated, P=ukf.P)
+
+
+def first_difference(found: CResults, expected: CResults) -> str | None:
+    """Name the first difference of two runs, or give None if they are equal bit for bit."""
+    if len(found.x) != len(expected.x):
+        return f"{len(found.x)} steps, not {len(expected.x)}"
+    for name in ("x", "nis", "results", "gated"):
+        one, other = getattr(found, name), getattr(expected, name)
+        different = _bits(one) != _bits(other)
+        if different.any():
+            place = tuple(int(i) for i in np.argwhere(different)[0])
+            return f"{name} of step {place[0]}: {one[place].item()!r}, not {other[place].item()!r}"
+    if found.P is None or expected.P is None or (_bits(found.P) != _bits(expected.P)).any():
+        return "P at the end"
+    return None
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    """Words of numbers: -0 is not 0, and NaN is NaN."""
+    if values.dtype.kind != "f":
+        return values
+    return np.where(np.isnan(values), np.nan, values).view(np.uint64)
+
+
+def run_c_in_the_loop(
+    scenario: Scenario,
+    steps: int,
+    *,
+    pipeline: Pipeline | None = None,
+    interrupt: bool = True,
+    word_clocks: float = 0.0,
+    cache: Path = CACHE,
+    optimise: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> CLoopOutcome:
+    """Compile the C application with the simulated core, unless that was done before, and run it.
+
+    Parameters
+    ----------
+    scenario
+        A nanosatellite, with the parameters of the core.
+    steps
+        How many of its steps.
+    pipeline
+        How the core is built.
+    interrupt
+        Whether the driver waits for the interrupt, or polls.
+    word_clocks
+        Clocks that a bus word takes at least, on average; 0 is as fast as the core answers.
+    cache
+        Folder of compiled programs.
+    optimise
+        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
+    progress
+        Called with what is being done: "generate", "compile", "run", "compare".
+
+    Returns
+    -------
+    CLoopOutcome
+
+    Raises
+    ------
+    ValueError
+        If the scenario cannot be exported.
+    CompilerError, SimulatorError
+        If something does not compile, or the program fails.
+    """
+    tell = progress or (lambda what: None)
+    with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
+        folder = Path(scratch)
+        tell("generate")
+        scenario_file, _ = export_scenario(scenario, steps, folder)
+        generate(scenario.params, pipeline, folder / "rtl")
+        tell("compile")
+        objects = compile_objects((*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl"])
+        built = build_program(
+            folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
+            optimise=optimise,
+        )  # fmt: skip
+        tell("run")
+        command = [
+            str(built.folder / PROGRAM), str(scenario_file), str(folder / "results.bin"),
+            str(folder / "report"), "interrupt" if interrupt else "polling", str(word_clocks),
+            str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),
+        ]  # fmt: skip
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise SimulatorError(
+                f"The C application ended with the code {done.returncode}:\n{done.stderr}"
+            )
+        results = read_results(folder / "results.bin", scenario.params, steps)
+        clocks, words, bus_clocks, seconds, cpu_seconds = (folder / "report").read_text().split()
+        tell("compare")
+        return CLoopOutcome(
+            results=results,
+            mismatch=first_difference(results, golden_results(scenario, steps)),
+            clocks=int(clocks),
+            words=int(words),
+            bus_clocks=int(bus_clocks),
+            seconds=float(seconds),
+            cpu_seconds=float(cpu_seconds),
+            build=built,
+        )

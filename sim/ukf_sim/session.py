@@ -1,0 +1,235 @@
+"""Running software against the simulated core: from parameters to results."""
+
+import pickle
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ukf_hdl.generate import NAME, generate
+from ukf_sim.simulators import Build, Simulator, SimulatorError, build, simulate
+from ukf_sw.drivers.driver import Driver
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import Program
+from ukf_sw.golden import GoldenCore
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+
+if TYPE_CHECKING:
+    from ukf_sim.bus import CoreBench
+    from ukf_sim.lockstep import LockstepBus
+
+__all__ = [
+    "CACHE",
+    "JOB_VARIABLE",
+    "Context",
+    "Failure",
+    "Job",
+    "Outcome",
+    "cosimulate",
+    "step_timeout",
+]
+
+#: Folder of compiled cores.
+CACHE = Path("build/cosim")
+#: Environment variable with the folder of a job, for the process of the simulator.
+JOB_VARIABLE = "UKF_COSIM_JOB"
+
+_POLL_SECONDS = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What to run on a simulated core.
+
+    Parameters
+    ----------
+    params, pipeline
+        What the core computes, and how it is built.
+    task
+        Function to run, as "module:name". It is called in a thread of the simulator's process,
+        with a :class:`Context` and the arguments; its result must be picklable.
+    arguments
+        Keyword arguments of the task.
+    interrupt
+        Whether the driver waits for the interrupt, or polls.
+    word_clocks
+        Clocks that a bus word takes at least, on average; 0 is as fast as the core answers.
+    """
+
+    params: UkfParams
+    pipeline: Pipeline = field(default_factory=Pipeline)
+    task: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    interrupt: bool = True
+    word_clocks: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """An exception in the process of the simulator.
+
+    Parameters
+    ----------
+    kind, message, trace
+        Name of its class, its message, its traceback.
+    """
+
+    kind: str
+    message: str
+    trace: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of a job.
+
+    Parameters
+    ----------
+    result
+        What the task returned.
+    build
+        The compiled core.
+    seconds
+        How long the simulation ran, starting the process included.
+    """
+
+    result: Any
+    build: Build
+    seconds: float
+
+
+def step_timeout(params: UkfParams, pipeline: Pipeline, word_clocks: float = 0.0) -> float:
+    """Give a time, in simulated seconds, that no step needs."""
+    from ukf_sim.bus import CLOCK_HZ
+
+    code = microcode(params, pipeline)
+    longest = max(code.clocks(program) for program in Program)
+    return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What a task works with, in the process of the simulator.
+
+    Parameters
+    ----------
+    job
+        The job.
+    bench
+        The simulated core.
+    folder
+        Folder of the job.
+    """
+
+    job: Job
+    bench: "CoreBench"
+    folder: Path
+
+    @cached_property
+    def lockstep(self) -> "LockstepBus":
+        """A bus with the simulated core and a golden model behind it, the same at every call."""
+        from ukf_sim.bus import CosimBus
+        from ukf_sim.lockstep import LockstepBus
+
+        return LockstepBus(CosimBus(self.bench), GoldenCore(self.job.params, self.job.pipeline))
+
+    def driver(self) -> Driver:
+        """Make a driver on that bus, with a time-out that no step needs."""
+        bus = self.lockstep
+        return Driver(
+            bus,
+            self.job.params,
+            interrupt=bus.wait_for_interrupt if self.job.interrupt else None,
+            timeout=step_timeout(self.job.params, self.job.pipeline, self.job.word_clocks),
+            clock=bus.clock,
+            count_cycles=True,
+        )
+
+    def report(self, done: int) -> None:
+        """Tell the waiting process how many steps are done."""
+        (self.folder / "progress").write_text(str(done), encoding="ascii")
+
+
+def cosimulate(
+    job: Job,
+    simulator: Simulator = Simulator.VERILATOR,
+    *,
+    cache: Path = CACHE,
+    optimise: bool = True,
+    progress: Callable[[str, int], None] | None = None,
+) -> Outcome:
+    """Generate and compile a core, unless that was done before, and run a job on it.
+
+    Parameters
+    ----------
+    job
+        What to run.
+    simulator
+        Where to run it.
+    cache
+        Folder of compiled cores.
+    optimise
+        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
+    progress
+        Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
+        a few times a second.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    tell = progress or (lambda phase, done: None)
+    with tempfile.TemporaryDirectory(prefix="ukf-cosim-") as scratch:
+        folder = Path(scratch)
+        tell("generate", 0)
+        generate(job.params, job.pipeline, folder / "rtl")
+        tell("compile", 0)
+        compiled = build(folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise)
+        tell("simulate", 0)
+        start = time.monotonic()
+        result = _run(job, compiled, folder, tell)
+        return Outcome(result=result, build=compiled, seconds=time.monotonic() - start)
+
+
+def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], None]) -> Any:
+    (folder / "job.pickle").write_bytes(pickle.dumps(job))
+    errors: list[SimulatorError] = []
+
+    def work() -> None:
+        try:
+            environment = {JOB_VARIABLE: str(folder)}
+            simulate(compiled, "ukf_sim.simulator_side", folder, environment=environment)
+        except SimulatorError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=work, name="simulator")
+    thread.start()
+    while thread.is_alive():
+        thread.join(_POLL_SECONDS)
+        tell("simulate", _progress(folder))
+    file = folder / "result.pickle"
+    result = pickle.loads(file.read_bytes()) if file.exists() else None
+    if isinstance(result, Failure):
+        raise SimulatorError(
+            f"{job.task} failed in {compiled.simulator.value}: {result.kind}: {result.message}\n"
+            f"{result.trace}"
+        )
+    if errors:
+        raise errors[0]
+    return result
+
+
+def _progress(folder: Path) -> int:
+    """Read what :meth:`Context.report` wrote last."""
+    file = folder / "progress"
+    text = file.read_text(encoding="ascii") if file.exists() else ""
+    return int(text) if text.isdecimal() else 0

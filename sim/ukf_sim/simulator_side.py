@@ -1,0 +1,33 @@
+"""cocotb test that runs a job of :mod:`ukf_sim.session` on the simulated core."""
+
+import os
+import pickle
+import traceback
+from importlib import import_module
+from pathlib import Path
+
+import cocotb
+from cocotb.task import bridge
+
+from ukf_sim.bus import CoreBench
+from ukf_sim.session import JOB_VARIABLE, Context, Failure
+
+
+@cocotb.test
+async def run_job(dut):
+    """Call the job's function with the core, in a thread, and leave its result in a file."""
+    folder = Path(os.environ[JOB_VARIABLE])
+    job = pickle.loads((folder / "job.pickle").read_bytes())
+    module, _, name = job.task.partition(":")
+    task = getattr(import_module(module), name)
+    bench = await CoreBench.started(dut, job.word_clocks)
+    context = Context(job=job, bench=bench, folder=folder)
+    try:
+        result = await bridge(task)(context, **job.arguments)
+    except Exception as error:
+        result = Failure(
+            kind=type(error).__name__, message=str(error), trace=traceback.format_exc()
+        )
+        raise
+    finally:
+        (folder / "result.pickle").write_bytes(pickle.dumps(result))

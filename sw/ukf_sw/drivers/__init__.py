@@ -1,0 +1,1 @@
+"""The driver of a core, and the buses to reach one."""

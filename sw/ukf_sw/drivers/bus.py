@@ -1,0 +1,89 @@
+"""The bus as software sees it, and numbers as words on it."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.spec.float_format import BINARY32, FloatFormat
+
+__all__ = ["Addresses", "BlockBus", "Bus", "WordCodec", "Words"]
+
+Addresses = NDArray[np.int64]
+Words = NDArray[np.uint32]
+
+
+class Bus(Protocol):
+    """A bus of 32-bit words, with byte addresses relative to the core.
+
+    Both methods raise :class:`ukf_sw.errors.BusError` if the core answers with an error.
+    """
+
+    def read(self, address: int) -> int:
+        """Read a word."""
+        ...
+
+    def write(self, address: int, word: int) -> None:
+        """Write a word."""
+        ...
+
+
+class BlockBus(Bus, Protocol):
+    """A bus that takes many accesses at once, where single calls cost too much.
+
+    They mean the same as single accesses in that order.
+    """
+
+    def read_many(self, addresses: Addresses) -> Words:
+        """Read words, shape (k,), at addresses, shape (k,)."""
+        ...
+
+    def write_many(self, addresses: Addresses, words: Words) -> None:
+        """Write words, shape (k,), at addresses, shape (k,)."""
+        ...
+
+
+class WordCodec:
+    """Numbers to bus words and back.
+
+    A number takes ``format.bus_words`` words, the low one first; narrow formats use the low bits.
+    The results are those of :meth:`FloatFormat.encode` and :meth:`FloatFormat.decode`, sooner for
+    binary32.
+
+    Parameters
+    ----------
+    number_format
+        Format of the numbers.
+    """
+
+    def __init__(self, number_format: FloatFormat) -> None:
+        self._format = number_format
+        self._quick = number_format == BINARY32
+
+    def to_words(self, values: NDArray[np.float64]) -> Words:
+        """Round numbers, shape (k,), to words, shape (k * bus_words,)."""
+        if self._quick:
+            with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                words = values.astype(np.float32).view(np.uint32)
+            magnitude = words & np.uint32(0x7FFF_FFFF)
+            # NaN, and what may be below the smallest normal number, is for the format to decide.
+            plain = (magnitude > 0x0080_0000) & (magnitude <= 0x7F80_0000)
+            if (plain | (values == 0.0)).all():
+                return words
+        encoded = self._format.encode(values)
+        if self._format.bus_words == 1:
+            return encoded.astype(np.uint32)
+        halves = (encoded & np.uint64(0xFFFF_FFFF), encoded >> np.uint64(32))
+        return np.stack(halves, axis=-1).astype(np.uint32).reshape(-1)
+
+    def from_words(self, words: Words) -> NDArray[np.float64]:
+        """Give the numbers, shape (k,), of words, shape (k * bus_words,)."""
+        if self._quick:
+            magnitude = words & np.uint32(0x7FFF_FFFF)
+            plain = (magnitude >= 0x0080_0000) & (magnitude <= 0x7F80_0000)
+            if (plain | (magnitude == 0)).all():
+                return words.view(np.float32).astype(np.float64)
+        if self._format.bus_words == 1:
+            return self._format.decode(words)
+        pairs = words.astype(np.uint64).reshape(-1, 2)
+        return self._format.decode(pairs[:, 0] | pairs[:, 1] << np.uint64(32))

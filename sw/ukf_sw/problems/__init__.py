@@ -1,0 +1,1 @@
+"""Estimation problems with their data, and judging what a filter makes of them."""

@@ -1,0 +1,207 @@
+"""Scenarios for the C application, and its results: files that both sides know.
+
+The layout is that of sw/c/apps/scenario_file.c.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.spec.parameters import UkfParams
+
+__all__ = ["CResults", "export_scenario", "read_results"]
+
+MAGIC = 0x53464B55  # "UKFS"
+VERSION = 1
+BINARY = "scenario.bin"
+HEADER = "scenario_data.h"
+
+Array = NDArray[np.float64]
+
+
+def _tables(scenario: Scenario, steps: int) -> dict[str, Array]:
+    """Numbers of a scenario by name, each of two dimensions."""
+    if not 1 <= steps <= scenario.steps:
+        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
+    if (
+        scenario.observation_arguments is not None
+        or scenario.state_angles
+        or (scenario.observation_angles)
+    ):
+        raise ValueError(f"scenario must have numbers only, no angles, not {scenario.name!r}")
+    measurements = np.array(scenario.measurements[:steps])
+    if scenario.sampled is not None:
+        measurements[~scenario.sampled[:steps]] = 0.0
+    inputs = np.zeros((steps, 0)) if scenario.inputs is None else scenario.inputs[:steps]
+    return {
+        "x0": scenario.x0[np.newaxis],
+        "P0": scenario.P0,
+        "Q": scenario.Q,
+        "R": scenario.R,
+        "input": np.asarray(inputs, dtype=np.float64),
+        "measurement": measurements,
+    }
+
+
+def _sampled(scenario: Scenario, steps: int) -> NDArray[np.uint32]:
+    """Masks of the samples, a word each."""
+    m = scenario.params.m
+    sampled = np.ones((steps, m), dtype=bool) if scenario.sampled is None else scenario.sampled
+    return (sampled[:steps] @ (1 << np.arange(m, dtype=np.uint64))).astype(np.uint32)
+
+
+def _redraws(scenario: Scenario) -> bool:
+    """Whether the filter of the scenario redraws after a predict."""
+    return scenario.params.additive_q > 0 if scenario.redraw is None else scenario.redraw
+
+
+def _binary(scenario: Scenario, steps: int) -> bytes:
+    p = scenario.params
+    tables = _tables(scenario, steps)
+    words = [
+        MAGIC, VERSION, p.n, p.m, p.q, p.r, tables["input"].shape[1], steps,
+        int(_redraws(scenario)), 0,
+    ]  # fmt: skip
+    numbers = np.concatenate(
+        [[scenario.times[0]], *(table.reshape(-1) for table in tables.values())]
+    )
+    return b"".join((
+        np.array(words, dtype="<u4").tobytes(),
+        numbers.astype("<f8").tobytes(),
+        _sampled(scenario, steps).astype("<u4").tobytes(),
+    ))  # fmt: skip
+
+
+def _header(scenario: Scenario, steps: int) -> str:
+    p = scenario.params
+    tables = _tables(scenario, steps)
+    sampled = _sampled(scenario, steps)
+    lines = [
+        f"/* Scenario {scenario.name}, {steps} steps. Generated, do not edit. */",
+        "#ifndef UKF_SCENARIO_DATA_H",
+        "#define UKF_SCENARIO_DATA_H",
+        "",
+        '#include "scenario.h"',
+        "",
+        "/* Hexadecimal constants have every bit of the numbers. */",
+    ]
+    for name, table in tables.items():
+        lines.append(f"static const double ukf_scenario_{name}[] = {{")
+        # An array must not be empty.
+        rows = table if table.size else np.zeros((1, 1))
+        lines += ["    " + " ".join(f"{value.hex()}," for value in row) for row in rows.tolist()]
+        lines.append("};")
+    lines.append("static const uint32_t ukf_scenario_sampled[] = {")
+    lines += [
+        "    " + " ".join(f"{word:#x}," for word in sampled[k : k + 8].tolist())
+        for k in range(0, steps, 8)
+    ]
+    lines += [
+        "};",
+        "",
+        "static const struct ukf_scenario ukf_scenario_data = {",
+        *(f"    .{name} = {getattr(p, name)}u," for name in "nmqr"),
+        f"    .inputs = {tables['input'].shape[1]}u,",
+        f"    .steps = {steps}u,",
+        f"    .redraw = {'true' if _redraws(scenario) else 'false'},",
+        f"    .interval = {float(scenario.times[0]).hex()},",
+        *(f"    .{name} = ukf_scenario_{name}," for name in (*tables, "sampled")),
+        "};",
+        "",
+        "#endif",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def export_scenario(scenario: Scenario, steps: int, output: Path) -> list[Path]:
+    """Write a scenario for C programs. Equal scenarios give equal files.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, sampled at equal intervals. Its inputs are vectors, if it has any.
+    steps
+        How many of its steps.
+    output
+        Folder to write to; made if absent.
+
+    Returns
+    -------
+    list of Path
+        A file of data for programs that have files, and a C header for those that do not.
+
+    Raises
+    ------
+    ValueError
+        If there are not that many steps, or the scenario has more than numbers.
+    """
+    contents = {
+        BINARY: _binary(scenario, steps),
+        HEADER: _header(scenario, steps).encode(),
+    }
+    output.mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        (output / name).write_bytes(content)
+    return [output / name for name in contents]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CResults:
+    """What a C application wrote.
+
+    Parameters
+    ----------
+    x
+        Estimates, shape (K, n).
+    nis
+        Normalised innovation squared, shape (K,); NaN where nothing was sampled.
+    results
+        Return codes of the steps, shape (K,).
+    gated
+        Whether the update was rejected, shape (K,).
+    P
+        Covariance at the end, shape (n, n); None if the run did not come to its end.
+    """
+
+    x: Array
+    nis: Array
+    results: NDArray[np.uint32]
+    gated: NDArray[np.bool_]
+    P: Array | None
+
+
+def read_results(path: Path, params: UkfParams, steps: int) -> CResults:
+    """Read the results of a C application.
+
+    Parameters
+    ----------
+    path
+        The file.
+    params
+        Sizes.
+    steps
+        Steps of the scenario.
+
+    Raises
+    ------
+    ValueError
+        If the file is neither that of a whole run nor that of one that ended early.
+    """
+    n = params.n
+    kind = np.dtype([("x", "<f8", (n,)), ("nis", "<f8"), ("result", "<u4"), ("gated", "<u4")])
+    data = path.read_bytes()
+    whole = steps * kind.itemsize + 8 * n * n
+    if len(data) != whole and (len(data) % kind.itemsize or len(data) > steps * kind.itemsize):
+        raise ValueError(f"{path} must have {whole} bytes, or whole steps, not {len(data)}")
+    done = steps if len(data) == whole else len(data) // kind.itemsize
+    rows = np.frombuffer(data, dtype=kind, count=done)
+    P = None
+    if len(data) == whole:
+        P = np.frombuffer(data, dtype="<f8", offset=steps * kind.itemsize).reshape(n, n)
+    return CResults(
+        x=rows["x"], nis=rows["nis"], results=rows["result"], gated=rows["gated"] != 0, P=P
+    )

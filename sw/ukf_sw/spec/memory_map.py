@@ -1,0 +1,148 @@
+"""Memory map of the core as the processor sees it: the register block, then the buffer.
+
+The map depends on the sizes and the number format only, never on the number of processing
+elements. A buffer address is made of bit fields, from the top: region, row, column, byte::
+
+    region | row | column | 00      (one more zero for formats of 64 bits)
+
+so every row stride is a power of two, and region 0 is the register block.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from ukf_sw.spec.parameters import UkfParams
+
+__all__ = ["MemoryMap", "Region"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """A matrix in the buffer; a vector is a matrix of one row.
+
+    Parameters
+    ----------
+    symbol
+        Letter of the equations, and name in the C header.
+    name
+        What it is, spelled out; the name in the hardware.
+    index
+        Value of the region field of its addresses.
+    rows, columns
+        Shape. Elements outside are unmapped.
+    doc
+        Meaning, for the documentation.
+    """
+
+    symbol: str
+    name: str
+    index: int
+    rows: int
+    columns: int
+    doc: str
+
+
+@dataclass(frozen=True)
+class MemoryMap:
+    """Where everything is for a set of parameters."""
+
+    params: UkfParams
+
+    @cached_property
+    def regions(self) -> tuple[Region, ...]:
+        """Regions that exist for these parameters, by rising address."""
+        p = self.params
+        table = (
+            ("X", "state_points", p.n, p.N, "Sigma points of the state, row i is state i."),
+            ("W", "process_noise_points", p.augmented_q, p.N, "Sigma points of the process noise."),
+            ("V", "observation_noise_points", p.augmented_r, p.N,
+             "Sigma points of the observation noise."),
+            ("Z", "observation_points", p.m, p.N, "Sigma points seen through h."),
+            ("z", "observation", 1, p.m, "Measurement."),
+            ("x", "state", 1, p.n, "State estimate."),
+            ("L", "factor", p.n, p.n, "Lower triangular factor of P: P = L L^T."),
+            ("P", "covariance", p.n, p.n, "Covariance, as of the last COVARIANCE step."),
+            ("LQ", "process_noise_factor", p.q, p.q, "Lower triangular factor of Q."),
+            ("LR", "observation_noise_factor", p.r, p.r, "Lower triangular factor of R."),
+        )  # fmt: skip
+        return tuple(
+            Region(symbol=symbol, name=name, index=index, rows=rows, columns=columns, doc=doc)
+            for index, (symbol, name, rows, columns, doc) in enumerate(table, start=1)
+            if rows and columns
+        )
+
+    def __getitem__(self, symbol: str) -> Region:
+        """Region of a symbol; KeyError if these parameters have none."""
+        for region in self.regions:
+            if region.symbol == symbol:
+                return region
+        raise KeyError(f"There is no region {symbol!r} for {self.params!r}")
+
+    def __contains__(self, symbol: str) -> bool:
+        return any(region.symbol == symbol for region in self.regions)
+
+    def __iter__(self) -> Iterator[Region]:
+        return iter(self.regions)
+
+    @property
+    def element_bytes(self) -> int:
+        """Bytes of one element: 4, or 8 for formats wider than 32 bits."""
+        return 4 * self.params.format.bus_words
+
+    @cached_property
+    def byte_bits(self) -> int:
+        """Width of the byte field."""
+        return (self.element_bytes - 1).bit_length()
+
+    @cached_property
+    def column_bits(self) -> int:
+        """Width of the column field: enough for any region, and for the register block."""
+        widest = max(region.columns for region in self.regions)
+        return max((widest - 1).bit_length(), 1)
+
+    @cached_property
+    def row_bits(self) -> int:
+        """Width of the row field."""
+        tallest = max(region.rows for region in self.regions)
+        # Row and column together hold the register block of 64 words.
+        return max((tallest - 1).bit_length(), 6 + 2 - self.column_bits - self.byte_bits, 1)
+
+    @property
+    def region_bits(self) -> int:
+        """Width of the region field."""
+        return 4
+
+    @cached_property
+    def address_width(self) -> int:
+        """Width of a byte address."""
+        return self.region_bits + self.row_bits + self.column_bits + self.byte_bits
+
+    @property
+    def row_stride(self) -> int:
+        """Bytes from one row to the next."""
+        return 1 << (self.column_bits + self.byte_bits)
+
+    @property
+    def region_stride(self) -> int:
+        """Bytes from one region to the next."""
+        return self.row_stride << self.row_bits
+
+    def address(self, symbol: str, row: int, column: int) -> int:
+        """Byte address of an element.
+
+        Raises
+        ------
+        KeyError
+            If there is no such region.
+        IndexError
+            If the element is outside its region.
+        """
+        region = self[symbol]
+        if not (0 <= row < region.rows and 0 <= column < region.columns):
+            raise IndexError(
+                f"{symbol} is {region.rows} by {region.columns}, no element ({row}, {column})"
+            )
+        return (
+            region.index * self.region_stride + row * self.row_stride + column * self.element_bytes
+        )

@@ -1,0 +1,161 @@
+"""Parameters of the core: what it computes, and how it is built."""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import isfinite
+
+from ukf_sw.spec.float_format import BINARY32, FloatFormat
+
+__all__ = ["Form", "Noise", "Pipeline", "UkfParams"]
+
+MAX_SIZE = 32
+
+
+class Form(Enum):
+    """How the update is computed."""
+
+    SQUARE_ROOT = "square-root"  #: Gram-Schmidt over the weighted residuals; the default.
+    COVARIANCE = "covariance"  #: The 2018 paper's LDL^T of covariances and P - K Pxz^T.
+
+
+class Noise(Enum):
+    """How a noise enters its model."""
+
+    AUGMENTED = "augmented"  #: As an argument of the model; it has sigma points of its own.
+    ADDITIVE = "additive"  #: Added to the model's result; it has none.
+
+
+@dataclass(frozen=True, kw_only=True)
+class UkfParams:
+    """What a core computes. Two cores with equal parameters give equal bits.
+
+    Parameters
+    ----------
+    n
+        Number of states, 1 to 32.
+    m
+        Number of observations, 1 to 32.
+    q, r
+        Number of process and of observation noise terms, 0 to 32. Of an additive noise there are
+        as many as states (observations), or none.
+    process_noise, observation_noise
+        How they enter the models.
+    W0
+        Weight of sigma point 0, in [0, 1). The points lie at the radius sqrt(M / (1 - W0)).
+    form
+        How the update is computed.
+    format
+        Number format.
+    pes
+        Number of processing elements, 1 to :attr:`columns`. It decides the order of summation,
+        so it belongs to what is computed.
+
+    Raises
+    ------
+    TypeError
+        If a parameter is of the wrong kind.
+    ValueError
+        If a parameter is out of range.
+    """
+
+    n: int
+    m: int
+    q: int = 0
+    r: int = 0
+    process_noise: Noise = Noise.AUGMENTED
+    observation_noise: Noise = Noise.AUGMENTED
+    W0: float = 0.0
+    form: Form = Form.SQUARE_ROOT
+    format: FloatFormat = BINARY32
+    pes: int = 1
+
+    def __post_init__(self) -> None:
+        for name, smallest in (("n", 1), ("m", 1), ("q", 0), ("r", 0), ("pes", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} must be an int, not {value!r}")
+            if value < smallest or (name != "pes" and value > MAX_SIZE):
+                raise ValueError(f"{name} must be between {smallest} and {MAX_SIZE}, not {value!r}")
+        for name, kind, wanted in (
+            ("process_noise", Noise, "Noise"), ("observation_noise", Noise, "Noise"),
+            ("form", Form, "Form"), ("format", FloatFormat, "FloatFormat"),
+            ("W0", (int, float), "number"),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not isinstance(value, kind) or isinstance(value, bool):
+                raise TypeError(f"{name} must be a {wanted}, not {value!r}")
+        if not (isfinite(self.W0) and 0.0 <= self.W0 < 1.0):
+            raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")
+        if self.process_noise is Noise.ADDITIVE and self.q not in (0, self.n):
+            raise ValueError(f"q must be 0 or n = {self.n} for additive noise, not {self.q!r}")
+        if self.observation_noise is Noise.ADDITIVE and self.r not in (0, self.m):
+            raise ValueError(f"r must be 0 or m = {self.m} for additive noise, not {self.r!r}")
+        if self.pes > self.columns:
+            raise ValueError(
+                f"pes must be between 1 and the number of columns, {self.columns}, not {self.pes!r}"
+            )
+
+    @property
+    def augmented_q(self) -> int:
+        """Process noise terms that have sigma points."""
+        return self.q if self.process_noise is Noise.AUGMENTED else 0
+
+    @property
+    def augmented_r(self) -> int:
+        """Observation noise terms that have sigma points."""
+        return self.r if self.observation_noise is Noise.AUGMENTED else 0
+
+    @property
+    def additive_q(self) -> int:
+        """Process noise terms that stand as columns beside the sigma points."""
+        return self.q - self.augmented_q
+
+    @property
+    def additive_r(self) -> int:
+        """Observation noise terms that stand as columns beside the sigma points."""
+        return self.r - self.augmented_r
+
+    @property
+    def M(self) -> int:
+        """Length of the augmented state: x, then w, then v."""
+        return self.n + self.augmented_q + self.augmented_r
+
+    @property
+    def N(self) -> int:
+        """Number of sigma points."""
+        return self.M + 2
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of the residual matrix E: sigma points and additive noise terms."""
+        return self.N + self.additive_q + self.additive_r
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pipeline:
+    """How a core is built: pipeline depths in clocks. Results never depend on them.
+
+    Parameters
+    ----------
+    multiply, add, reciprocal_sqrt
+        Latency of the floating-point units.
+
+    Raises
+    ------
+    TypeError
+        If a depth is not an int.
+    ValueError
+        If a depth is out of range.
+    """
+
+    multiply: int = 2
+    add: int = 2
+    reciprocal_sqrt: int = 3
+
+    def __post_init__(self) -> None:
+        for name, largest in (("multiply", 8), ("add", 8), ("reciprocal_sqrt", 16)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool):
+                raise TypeError(f"{name} must be an int, not {value!r}")
+            if not 1 <= value <= largest:
+                raise ValueError(f"{name} must be between 1 and {largest}, not {value!r}")

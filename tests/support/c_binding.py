@@ -1,0 +1,357 @@
+"""The C filter as a Python object, on any bus: how tests look at every access that it makes."""
+
+import ctypes
+import time
+from collections.abc import Callable
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, compile_c, write_interfaces
+from ukf_sw.drivers.bus import Bus
+from ukf_sw.errors import BusError
+from ukf_sw.spec.parameters import UkfParams
+
+__all__ = ["CFilter", "CFilterError", "Result", "compile_library"]
+
+BINDING = Path(__file__).with_name("c_binding.c")
+
+Array = NDArray[np.float64]
+WORD = ctypes.c_uint32
+REALS = ctypes.POINTER(ctypes.c_double)
+READ = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, WORD, ctypes.POINTER(WORD))
+WRITE = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, WORD, WORD)
+WAIT = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, WORD)
+NOW = ctypes.CFUNCTYPE(ctypes.c_uint64, ctypes.c_void_p)
+PROCESS = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, REALS, REALS, ctypes.c_void_p, REALS)
+OBSERVE = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, REALS, REALS, REALS)
+
+
+class Result(IntEnum):
+    """Return codes, ``enum ukf_result``."""
+
+    OK = 0
+    ILLEGAL_STEP = 1
+    NOT_FINITE = 2
+    SINGULAR_OBSERVATION = 3
+    NOT_POSITIVE_DEFINITE = 4
+    UNKNOWN_ERROR = 5
+    TIMEOUT = 6
+    STEP_LOST = 7
+    BUS_ERROR = 8
+    WRONG_ID = 9
+    WRONG_SIZES = 10
+    WRONG_FORMAT = 11
+    BAD_ARGUMENT = 12
+    BAD_MODEL = 13
+
+
+class _Port(ctypes.Structure):
+    _fields_ = (
+        ("context", ctypes.c_void_p), ("read", READ), ("write", WRITE), ("wait", WAIT),
+        ("now_us", NOW),
+    )  # fmt: skip
+
+
+class _Models(ctypes.Structure):
+    _fields_ = (
+        ("context", ctypes.c_void_p), ("process", PROCESS), ("observe", OBSERVE),
+        ("state_angles", WORD), ("observation_angles", WORD),
+    )  # fmt: skip
+
+
+class _Options(ctypes.Structure):
+    _fields_ = (("timeout_us", WORD), ("redraw", ctypes.c_bool))
+
+
+class _Fault(ctypes.Structure):
+    _fields_ = tuple(
+        (name, WORD)
+        for name in (
+            "step", "code", "index", "state", "address", "expected", "found", "point",
+        )
+    )  # fmt: skip
+
+
+class CFilterError(Exception):
+    """The C filter returned something else than UKF_OK.
+
+    Parameters
+    ----------
+    result
+        What it returned.
+    fault
+        Details, by name.
+    """
+
+    def __init__(self, result: Result, fault: dict[str, int]) -> None:
+        super().__init__(f"{result.name}: {fault}")
+        self.result = result
+        self.fault = fault
+
+
+def compile_library(params: UkfParams, folder: Path, *, application: bool = False) -> ctypes.CDLL:
+    """Compile the C filter for a core as a library, and load it.
+
+    Parameters
+    ----------
+    params
+        The core.
+    folder
+        Folder for headers and library; made if absent.
+    application
+        Whether to compile the models of the nanosatellite as well.
+
+    Raises
+    ------
+    CompilerError
+        If it does not compile.
+    """
+    write_interfaces(params, folder)
+    sources = [*DRIVER, BINDING, *(APPLICATION[:1] if application else ())]
+    library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC"))
+    return ctypes.CDLL(str(library))
+
+
+def _real(array: Array) -> Any:
+    return array.ctypes.data_as(REALS)
+
+
+class CFilter:
+    """The C filter, with the methods of :class:`ukf_sw.filter.UnscentedKalmanFilter`.
+
+    Exceptions of models become ``BAD_MODEL``; an exception of the bus other than BusError ends the
+    access as refused, and is kept in :attr:`exceptions`.
+
+    Parameters
+    ----------
+    library
+        From :func:`compile_library`.
+    bus
+        Way to a core.
+    params
+        What the library was compiled for.
+    f, h
+        Models, one sigma point at a time, as :mod:`ukf_sw.models` has them.
+    interrupt
+        Function that waits for the interrupt, as for :class:`ukf_sw.drivers.driver.Driver`.
+    timeout_us
+        How long to wait for a step, in microseconds.
+    clock
+        Time in seconds.
+    redraw
+        Whether every predict ends with a redraw.
+    state_angles, observation_angles
+        Indices of angles.
+    short
+        By how many numbers the work memory is too short, for tests.
+    core
+        Library for the core that is on the bus; None is `library`. Code compiled beside the header
+        of one core drives any other.
+
+    Raises
+    ------
+    CFilterError
+        If opening fails. So may every method.
+    """
+
+    def __init__(
+        self,
+        library: ctypes.CDLL,
+        bus: Bus,
+        params: UkfParams,
+        f: Callable[..., ArrayLike],
+        h: Callable[..., ArrayLike],
+        *,
+        interrupt: Callable[[float], bool] | None = None,
+        timeout_us: int = 1_000_000,
+        clock: Callable[[], float] = time.monotonic,
+        redraw: bool = False,
+        state_angles: tuple[int, ...] = (),
+        observation_angles: tuple[int, ...] = (),
+        short: int = 0,
+        core: ctypes.CDLL | None = None,
+    ) -> None:
+        self._library = library
+        described = library if core is None else core
+        self._params = params
+        self._bus = bus
+        self._f, self._h = f, h
+        self._input: Any = None
+        self.exceptions: list[Exception] = []
+        size = ctypes.c_size_t.in_dll(library, "binding_size").value
+        length = WORD.in_dll(described, "binding_work_length").value - short
+        self._ukf = ctypes.create_string_buffer(size)
+        self._work = np.zeros(max(length, 1))
+        self._port = _Port(
+            None,
+            READ(self._read),
+            WRITE(self._write),
+            WAIT() if interrupt is None else WAIT(lambda _, left: interrupt(left * 1e-6)),
+            NOW(lambda _: int(clock() * 1e6)),
+        )
+        self._models = _Models(
+            None, PROCESS(self._process), OBSERVE(self._observe),
+            sum(1 << i for i in state_angles), sum(1 << i for i in observation_angles),
+        )  # fmt: skip
+        self._options = _Options(timeout_us, redraw)
+        self._call(
+            "ukf_open", ctypes.c_char.in_dll(described, "binding_core"), self._port, self._models,
+            self._options, work=length,
+        )  # fmt: skip
+
+    # What C calls.
+
+    def _refuse(self, error: Exception) -> bool:
+        if not isinstance(error, BusError):
+            self.exceptions.append(error)
+        return False
+
+    def _read(self, _: Any, address: int, word: Any) -> bool:
+        try:
+            word[0] = self._bus.read(address)
+        except Exception as error:
+            return self._refuse(error)
+        return True
+
+    def _write(self, _: Any, address: int, word: int) -> bool:
+        try:
+            self._bus.write(address, word)
+        except Exception as error:
+            return self._refuse(error)
+        return True
+
+    def _process(self, _: Any, x: Any, w: Any, __: Any, following: Any) -> bool:
+        p = self._params
+        return self._model(lambda: self._f(x[: p.n], w[: p.q], self._input), following)
+
+    def _observe(self, _: Any, x: Any, v: Any, z: Any) -> bool:
+        p = self._params
+        return self._model(lambda: self._h(x[: p.n], v[: p.r]), z)
+
+    def _model(self, model: Callable[[], ArrayLike], result: Any) -> bool:
+        try:
+            values = model()
+        except Exception as error:
+            self.exceptions.append(error)
+            return False
+        for i, value in enumerate(np.asarray(values, dtype=np.float64).tolist()):
+            result[i] = value
+        return True
+
+    # What calls C.
+
+    def _call(self, name: str, *arguments: Any, work: int | None = None) -> None:
+        prepared = [
+            _real(argument) if isinstance(argument, np.ndarray)
+            else ctypes.byref(argument) if isinstance(argument, ctypes.Structure | ctypes.c_char)
+            else argument
+            for argument in arguments
+        ]  # fmt: skip
+        if work is not None:
+            prepared += [_real(self._work), WORD(work)]
+        result = Result(getattr(self._library, name)(self._ukf, *prepared))
+        if result is not Result.OK:
+            raise CFilterError(result, self.fault)
+
+    @staticmethod
+    def _numbers(value: ArrayLike | None) -> Array | None:
+        return None if value is None else np.ascontiguousarray(value, dtype=np.float64)
+
+    @property
+    def fault(self) -> dict[str, int]:
+        """Details of the last failure."""
+        fault = _Fault()
+        self._library.binding_fault(self._ukf, ctypes.byref(fault))
+        return {name: getattr(fault, name) for name, _ in fault._fields_}
+
+    @property
+    def pes(self) -> int:
+        """Number of processing elements that the core says it has."""
+        return int(self._library.binding_pes(self._ukf))
+
+    def round(self, value: float) -> float:
+        """``ukf_driver_round``."""
+        function = self._library.ukf_driver_round
+        function.restype = ctypes.c_double
+        return float(function(self._ukf, ctypes.c_double(value)))
+
+    def start(
+        self, x: ArrayLike, P: ArrayLike, Q: ArrayLike | None = None, R: ArrayLike | None = None
+    ) -> None:
+        """``ukf_start``."""
+        self._call("ukf_start", *(self._numbers(value) for value in (x, P, Q, R)))
+
+    def predict(self, u: Any = None) -> None:
+        """``ukf_predict``; u goes to f."""
+        self._input = u
+        self._call("ukf_predict", None)
+
+    def redraw(self) -> None:
+        """``ukf_redraw``."""
+        self._call("ukf_redraw")
+
+    def update(self, z: ArrayLike, mask: NDArray[np.bool_] | None = None) -> bool:
+        """``ukf_update``; whether the estimate was corrected."""
+        bits = 0xFFFF_FFFF if mask is None else sum(1 << int(i) for i in np.flatnonzero(mask))
+        self._call("ukf_update", self._numbers(z), WORD(bits))
+        return bits != 0 and not self.gated
+
+    def _outcome(self) -> tuple[float, bool]:
+        nis, gated = ctypes.c_double(), WORD()
+        self._library.binding_outcome(self._ukf, ctypes.byref(nis), ctypes.byref(gated))
+        return nis.value, bool(gated.value)
+
+    @property
+    def nis(self) -> float:
+        """NIS of the last update."""
+        return self._outcome()[0]
+
+    @property
+    def gated(self) -> bool:
+        """Whether the last update was rejected."""
+        return self._outcome()[1]
+
+    @property
+    def x(self) -> Array:
+        """``ukf_state``, ``ukf_set_state``."""
+        x = np.empty(self._params.n)
+        self._call("ukf_state", x)
+        return x
+
+    @x.setter
+    def x(self, value: ArrayLike) -> None:
+        self._call("ukf_set_state", self._numbers(value))
+
+    @property
+    def P(self) -> Array:
+        """``ukf_covariance``, ``ukf_set_covariance``."""
+        P = np.empty((self._params.n, self._params.n))
+        self._call("ukf_covariance", P)
+        return P
+
+    @P.setter
+    def P(self, value: ArrayLike) -> None:
+        self._call("ukf_set_covariance", self._numbers(value))
+
+    def set_noise(self, Q: ArrayLike | None, R: ArrayLike | None) -> None:
+        """``ukf_set_noise``."""
+        self._call("ukf_set_noise", self._numbers(Q), self._numbers(R))
+
+    def set_gate(self, gate: float) -> None:
+        """``ukf_set_gate``."""
+        self._call("ukf_set_gate", ctypes.c_double(gate))
+
+    def save(self) -> tuple[Array, Array]:
+        """``ukf_save``: x and the factor of P."""
+        n = self._params.n
+        x, L = np.empty(n), np.empty((n, n))
+        self._call("ukf_save", x, L)
+        return x, L
+
+    def restore(self, x: ArrayLike, L: ArrayLike) -> None:
+        """``ukf_restore``."""
+        self._call("ukf_restore", self._numbers(x), self._numbers(L))

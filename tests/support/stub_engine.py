@@ -1,0 +1,101 @@
+"""A stand-in for the engine: its ports and memories, but no arithmetic.
+
+It lets tests of the bus side run fast and choose what a step results in, and shows what
+everything around the engine costs.
+"""
+
+from amaranth import Cat, Module, Signal
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.programs import Program
+
+__all__ = ["StubEngine"]
+
+
+class StubEngine(wiring.Component):
+    """Memories that can be written and read over the bus, and programs that do nothing.
+
+    A program runs for :py:`duration` clocks after :py:`start` and gives the ``stub_`` result.
+
+    Parameters
+    ----------
+    params : :class:`UkfParams`
+        What the core computes.
+
+    Members
+    -------
+    stub_duration : :py:`In(16)`
+        Clocks from start to done, at least 1.
+    stub_error_code, stub_error_index, stub_nis : :py:`In(...)`
+        Result, sampled on the last clock.
+    ...
+        As :class:`ukf_hdl.core.engine.Engine`.
+    """
+
+    def __init__(self, params):
+        self.layout = Layout(params)
+        width = params.format.width
+        self._bytes = -(-width // 8)
+        super().__init__({
+            "start":               In(1),
+            "program":             In(Program),
+            "stop":                In(1),
+            "busy":                Out(1),
+            "done":                Out(1),
+            "error_code":          Out(8),
+            "error_index":         Out(8),
+            "nis":                 Out(width),
+            "observation_mask":    In(params.m),
+            "state_bank":          In(1),
+            "factor_bank":         In(1),
+            "buffer_lane":         In(range(params.pes)),
+            "buffer_address":      In(self.layout.address_width),
+            "buffer_read_data":    Out(width),
+            "buffer_write":        In(1),
+            "buffer_write_data":   In(width),
+            "buffer_write_strobe": In(self._bytes),
+            "stub_duration":       In(16, init=1),
+            "stub_error_code":     In(8),
+            "stub_error_index":    In(8),
+            "stub_nis":            In(width),
+        })  # fmt: skip
+        depth = params.pes << self.layout.address_width
+        self.memory = memory.Memory(shape=8 * self._bytes, depth=depth, init=[])
+
+    def word_index(self, lane: int, address: int) -> int:
+        """Index in :attr:`memory` of a word of a lane."""
+        return lane << self.layout.address_width | address
+
+    def elaborate(self, platform):
+        """Build the hardware; see the class."""
+        m = Module()
+        m.submodules.memory = self.memory
+        read = self.memory.read_port()
+        write = self.memory.write_port(granularity=8)
+
+        # Reads take three clocks: address, memory, output.
+        place = Cat(self.buffer_address, self.buffer_lane)
+        m.d.sync += [read.addr.eq(place), self.buffer_read_data.eq(read.data)]
+        m.d.comb += [
+            write.addr.eq(place),
+            write.data.eq(self.buffer_write_data),
+            write.en.eq(self.buffer_write_strobe & self.buffer_write.replicate(self._bytes)),
+        ]
+
+        left = Signal(16)
+        m.d.comb += [self.busy.eq(left != 0), self.done.eq(left == 1)]
+        with m.If(self.busy):
+            m.d.sync += left.eq(left - 1)
+        with m.If(self.start):
+            m.d.sync += left.eq(self.stub_duration)
+        with m.If(self.stop):
+            m.d.sync += left.eq(0)
+        with m.If(self.done):
+            m.d.comb += [
+                self.error_code.eq(self.stub_error_code),
+                self.error_index.eq(self.stub_error_index),
+                self.nis.eq(self.stub_nis),
+            ]
+        return m

@@ -1,0 +1,1 @@
+"""The C application on an emulated Cortex-A9."""

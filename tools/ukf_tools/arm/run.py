@@ -1,0 +1,121 @@
+"""The program for the processor of a Zynq, in an emulator of that processor, on the golden model.
+
+The program is the one for the board, statically linked: only the port that it is told to use
+differs, a socket to the golden model instead of UIO.
+"""
+
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from ukf_sim.c_in_the_loop.compiler import (
+    APPLICATION,
+    DRIVER,
+    PROGRAM,
+    CompilerError,
+    Toolchain,
+    compile_c,
+    write_interfaces,
+)
+from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
+from ukf_tools.arm.register_server import RegisterServer
+
+__all__ = ["EMULATOR", "ArmOutcome", "arm_available", "run_on_arm"]
+
+EMULATOR = ("qemu-arm", "-cpu", "cortex-a9")
+#: Longest that a step of the scenario may take in the emulator, in seconds.
+PATIENCE = 5.0
+
+
+def arm_available() -> bool:
+    """Whether compiler and emulator are installed."""
+    return Toolchain.CORTEX_A9.available and shutil.which(EMULATOR[0]) is not None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ArmOutcome:
+    """What came of a run.
+
+    Parameters
+    ----------
+    program
+        The executable.
+    results
+        What it wrote.
+    mismatch
+        First difference from the Python filter on the golden model, or None.
+    words
+        Words on the bus.
+    seconds
+        Time that the run took.
+    """
+
+    program: Path
+    results: CResults
+    mismatch: str | None
+    words: int
+    seconds: float
+
+
+def run_on_arm(
+    scenario: Scenario, steps: int, folder: Path, *, interrupt: bool = True
+) -> ArmOutcome:
+    """Cross-compile the nanosatellite for a Cortex-A9 and run it under QEMU.
+
+    Parameters
+    ----------
+    scenario
+        A nanosatellite, with the parameters of the core.
+    steps
+        How many of its steps.
+    folder
+        Folder for the program, its headers and its samples; made if absent.
+    interrupt
+        Whether the driver waits for the interrupt, or polls.
+
+    Returns
+    -------
+    ArmOutcome
+
+    Raises
+    ------
+    ValueError
+        If the scenario cannot be exported.
+    CompilerError
+        If compiler or emulator are not installed, or the program does not compile or fails.
+    """
+    if shutil.which(EMULATOR[0]) is None:
+        raise CompilerError(f"{EMULATOR[0]} is not installed")
+    binary, _ = export_scenario(scenario, steps, folder)
+    write_interfaces(scenario.params, folder)
+    program = compile_c(
+        [*DRIVER, *APPLICATION, *PROGRAM], folder / "nanosat", [folder],
+        toolchain=Toolchain.CORTEX_A9, flags=("-static",),
+    )  # fmt: skip
+    results = folder / "results.bin"
+    # Names of sockets are short, folders may be deep.
+    with tempfile.TemporaryDirectory(prefix="ukf-arm-") as scratch:
+        path = Path(scratch) / "socket"
+        with RegisterServer.of_golden(path, scenario.params) as server:
+            start = time.monotonic()
+            done = subprocess.run(
+                [*EMULATOR, str(program), f"remote:{path}", str(binary), str(results),
+                 *(() if interrupt else ("polling",))],
+                capture_output=True, text=True, check=False, timeout=60.0 + PATIENCE * steps,
+            )  # fmt: skip
+            seconds = time.monotonic() - start
+    if done.returncode:
+        raise CompilerError(f"{program} ended with the code {done.returncode}:\n{done.stderr}")
+    found = read_results(results, scenario.params, steps)
+    return ArmOutcome(
+        program=program,
+        results=found,
+        mismatch=first_difference(found, golden_results(scenario, steps)),
+        words=server.words,
+        seconds=seconds,
+    )

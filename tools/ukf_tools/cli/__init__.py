@@ -1,0 +1,45 @@
+"""Command line: ``ukf``. One module for each group of commands."""
+
+import typer
+
+from ukf_tools.cli.apps import apps_app
+from ukf_tools.cli.baseline import baseline
+from ukf_tools.cli.c_software import c_arm, c_loop, export
+from ukf_tools.cli.core import generate, latency
+from ukf_tools.cli.cosim import cosim
+from ukf_tools.cli.estimates import resources, timing
+from ukf_tools.cli.new import new
+from ukf_tools.cli.package import package, write_testbench
+from ukf_tools.cli.run import run
+from ukf_tools.cli.sweep import report, sweep
+
+# What takes long to import is imported by the commands that need it.
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="ukf",
+    help="Unscented Kalman filter core for FPGAs.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_show_locals=False,
+)
+for command in (
+    generate,
+    latency,
+    cosim,
+    run,
+    new,
+    resources,
+    timing,
+    sweep,
+    report,
+    package,
+    export,
+    c_loop,
+    c_arm,
+    baseline,
+):
+    app.command()(command)
+app.command("testbench")(write_testbench)
+app.add_typer(apps_app)

@@ -1,0 +1,47 @@
+"""Command ``ukf baseline``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ukf_tools.cli.console import JsonOption, fail, messages, print_json, results
+
+__all__ = ["baseline"]
+
+
+def baseline(
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations to count.")] = 20,
+    sysroot: Annotated[
+        Path | None,
+        typer.Option(
+            "--sysroot",
+            help="Folder of GSL for ARM, as fetch-gsl.sh beside its sources fetches it.",
+        ),
+    ] = None,
+    document: Annotated[
+        bool,
+        typer.Option("--document", help="Refresh docs/baseline.md and docs/measured as well."),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare the core with the filter wholly in software on a Cortex-A9.
+
+    Software is counted under qemu and costed by LLVM's model of the processor, so its times are
+    brackets. Needs gcc-arm-linux-gnueabihf, qemu-user and llvm-14 (Debian).
+    """
+    from ukf_tools.baseline.program import BaselineError
+    from ukf_tools.baseline.report import markdown, measure, write
+
+    try:
+        with messages.status("Compiling and counting"):
+            record = measure(steps, sysroot)
+        if document:
+            write(record)
+    except (BaselineError, ValueError, OSError) as error:
+        fail(str(error), 1)
+    if as_json:
+        print_json(record)
+        return
+    for table in markdown(record).values():
+        results.print(table, highlight=False, soft_wrap=True, markup=False)

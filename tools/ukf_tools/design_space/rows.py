@@ -1,0 +1,195 @@
+"""A row of figures for each core of a sweep."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from ukf_tools.design_space.points import Point
+from ukf_tools.estimate.resources import Netlist
+
+__all__ = ["COLUMNS", "Column", "Conditions", "figures"]
+
+
+class Column(NamedTuple):
+    """A column of the table.
+
+    Parameters
+    ----------
+    kind
+        Type of its entries.
+    doc
+        Meaning, with the unit.
+    """
+
+    kind: type
+    doc: str
+
+
+#: Every column, in order. An entry that is not known is empty.
+COLUMNS = {
+    "configuration": Column(str, "Name of the configuration, if it has one."),
+    "n": Column(int, "States."),
+    "m": Column(int, "Observations."),
+    "q": Column(int, "Process noise terms."),
+    "r": Column(int, "Observation noise terms."),
+    "process_noise": Column(str, "How process noise enters."),
+    "observation_noise": Column(str, "How observation noise enters."),
+    "W0": Column(float, "Weight of sigma point 0."),
+    "sigma_points": Column(int, "Sigma points, so evaluations of each model an iteration."),
+    "pes": Column(int, "Processing elements."),
+    "form": Column(str, "How the update is computed."),
+    "format": Column(str, "Number format."),
+    "multiply_stages": Column(int, "Latency of a product in clocks."),
+    "add_stages": Column(int, "Latency of a sum in clocks."),
+    "reciprocal_sqrt_stages": Column(int, "Latency of 1/sqrt in clocks."),
+    "predict_cycles": Column(int, "Clocks of PREDICT."),
+    "update_cycles": Column(int, "Clocks of UPDATE, which makes the next sigma points as well."),
+    "cycles": Column(int, "Clocks of an iteration: PREDICT and UPDATE, nothing redrawn between."),
+    "sig_gen_cycles": Column(int, "Clocks of SIG_GEN when x or L was written; else 0."),
+    "sig_gen_predicted_cycles": Column(int, "Clocks of SIG_GEN after a PREDICT."),
+    "init_cycles": Column(int, "Clocks of INIT."),
+    "covariance_cycles": Column(int, "Clocks of COVARIANCE."),
+    "bus_words": Column(int, "Bus words an iteration for models, measurement and estimate."),
+    "register_words": Column(int, "Bus words an iteration to start steps and see their end."),
+    "clock_mhz": Column(float, "Clock in MHz: an assumption."),
+    "word_clocks": Column(float, "Clocks of a bus word: an assumption."),
+    "core_us": Column(float, "Time of PREDICT and UPDATE in microseconds at that clock."),
+    "bus_us": Column(float, "Time of all bus words in microseconds at that clock."),
+    "iteration_us": Column(float, "Their sum: an iteration, the models' own computing apart."),
+    "lut": Column(int, "Look-up tables."),
+    "lut_logic": Column(int, "Of these, logic."),
+    "lut_memory": Column(int, "Of these, memory."),
+    "lut_shift": Column(int, "Of these, shift registers."),
+    "ff": Column(int, "Flip-flops."),
+    "dsp48e1": Column(int, "DSP slices."),
+    "bram36": Column(float, "Block memories of 36 Kbit."),
+    "logic_ns": Column(float, "Longest path between registers in ns, cells only: no routing."),
+    "application": Column(str, "What accuracy was judged on."),
+    "steps": Column(int, "Steps that the golden model did."),
+    "error_name": Column(str, "First error of the application."),
+    "error_unit": Column(str, "Its unit."),
+    "rms": Column(float, "Its root mean square on the golden model."),
+    "reference_rms": Column(float, "Its root mean square on the float64 reference."),
+    "rms_ratio": Column(float, "Golden model to float64 reference; 1 is as good."),
+    "stopped": Column(str, "Error of the core that ended the run, if one did."),
+    "error": Column(str, "What could not be found out, and why."),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """Assumptions under which cycles and words become times.
+
+    Parameters
+    ----------
+    clock_mhz
+        Clock in MHz.
+    word_clocks
+        Clocks of a bus word, on average; 15.6 is the bus of the 2018 paper.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not possible.
+    """
+
+    clock_mhz: float = 100.0
+    word_clocks: float = 15.6
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.clock_mhz < float("inf"):
+            raise ValueError(f"clock must be more than 0 MHz, not {self.clock_mhz!r}")
+        if not 0.0 <= self.word_clocks < float("inf"):
+            raise ValueError(f"bus latency must be at least 0 clocks, not {self.word_clocks!r}")
+
+
+def figures(
+    point: Point,
+    found: Mapping[str, Mapping[str, Any]],
+    failures: Mapping[str, str],
+    conditions: Conditions,
+) -> dict[str, Any]:
+    """Make the row of a core.
+
+    Parameters
+    ----------
+    point
+        The core.
+    found
+        Results of its parts, by name: ``schedule``, ``traffic``, ``resources``, ``accuracy``,
+        ``reference``, as far as they are there.
+    failures
+        Messages of what failed, by name.
+    conditions
+        Clock and bus.
+
+    Returns
+    -------
+    dict
+        An entry for each of :data:`COLUMNS`.
+    """
+    row: dict[str, Any] = dict.fromkeys(COLUMNS)
+    row |= point.columns()
+    if "schedule" in found:
+        row |= _cycles(found["schedule"])
+    if "traffic" in found:
+        row |= _words(found["traffic"])
+    row |= _times(row, conditions)
+    if "resources" in found:
+        resources = Netlist(**found["resources"]).resources.as_dict()
+        row |= {name: value for name, value in resources.items() if name in COLUMNS}
+    if "accuracy" in found:
+        row |= _accuracy(found["accuracy"], found.get("reference", {}))
+    row["error"] = "; ".join(f"{name}: {text}" for name, text in failures.items()) or None
+    return row
+
+
+def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
+    programs = schedule["programs"]
+    return {
+        "predict_cycles": schedule["steps"]["PREDICT"],
+        "update_cycles": schedule["steps"]["UPDATE"],
+        "cycles": schedule["total"],
+        "sig_gen_cycles": programs["SIG_GEN"],
+        "sig_gen_predicted_cycles": programs["SIG_GEN_PREDICTED"],
+        "init_cycles": programs["INIT"],
+        "covariance_cycles": programs["COVARIANCE"],
+    }
+
+
+def _words(traffic: Mapping[str, int]) -> dict[str, int]:
+    return {
+        "bus_words": traffic["words_read"] + traffic["words_written"],
+        "register_words": traffic["control_reads"] + traffic["control_writes"],
+    }
+
+
+def _times(row: Mapping[str, Any], conditions: Conditions) -> dict[str, float]:
+    times = {"clock_mhz": conditions.clock_mhz, "word_clocks": conditions.word_clocks}
+    if row["cycles"] is not None:
+        times["core_us"] = row["cycles"] / conditions.clock_mhz
+    if row["bus_words"] is not None:
+        words = row["bus_words"] + row["register_words"]
+        times["bus_us"] = words * conditions.word_clocks / conditions.clock_mhz
+    if "core_us" in times and "bus_us" in times:
+        times["iteration_us"] = times["core_us"] + times["bus_us"]
+    return times
+
+
+def _accuracy(golden: Mapping[str, Any], reference: Mapping[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "steps": golden["steps"],
+        "error_name": golden["names"][0],
+        "error_unit": golden["units"][0],
+    }
+    stopped = golden["stopped"]
+    if stopped is not None:
+        index = "" if stopped["index"] is None else f" {stopped['index']}"
+        row["stopped"] = f"{stopped['step']}: {stopped['error']}{index}"
+    if golden["rms"] is not None:
+        row["rms"] = golden["rms"][0]
+    if reference.get("rms") is not None:
+        row["reference_rms"] = reference["rms"][0]
+        if "rms" in row and row["reference_rms"] > 0.0:
+            row["rms_ratio"] = row["rms"] / row["reference_rms"]
+    return row

@@ -1,0 +1,182 @@
+"""All parts of all points of a sweep, those that are missing computed."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ukf_tools.design_space.accuracy import Application
+from ukf_tools.design_space.cache import Cache
+from ukf_tools.design_space.executors import Executor, Failure
+from ukf_tools.design_space.parts import (
+    Accuracy,
+    Part,
+    Reference,
+    SchedulePart,
+    Synthesis,
+    Traffic,
+)
+from ukf_tools.design_space.points import Point
+from ukf_tools.design_space.rows import Conditions, figures
+
+__all__ = ["Outcome", "Questions", "find", "sweep"]
+
+#: Called with what has just been found, the work done, and its total, in about seconds.
+Progress = Callable[[str, float, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Questions:
+    """What to find out about every core.
+
+    Parameters
+    ----------
+    resources
+        Whether to synthesise.
+    application
+        What to judge accuracy on, or None. Cores of other sizes are not judged.
+    conditions
+        Clock and bus.
+    """
+
+    resources: bool = True
+    application: Application | None = None
+    conditions: Conditions = field(default_factory=Conditions)
+
+    def parts(self, point: Point) -> dict[str, Part]:
+        """Give the parts of a point, by name.
+
+        Raises
+        ------
+        ValueError
+            If there is no such core.
+        """
+        params, pipeline = point.params, point.pipeline
+        parts: dict[str, Part] = {
+            "schedule": SchedulePart(params=params, pipeline=pipeline),
+            "traffic": Traffic.of(params),
+        }
+        if self.resources:
+            parts["resources"] = Synthesis(params=params, pipeline=pipeline)
+        application = self.application
+        if application is not None and application.fits(params):
+            parts["accuracy"] = Accuracy(application=application, params=params)
+            parts["reference"] = Reference.of(application, params)
+        return parts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of a sweep.
+
+    Parameters
+    ----------
+    rows
+        A row of figures for each point, in the order of the points.
+    found, computed, failed
+        Number of parts that were in the cache, that were computed, and that could not be.
+    seconds
+        How long it took.
+    """
+
+    rows: list[dict[str, Any]]
+    found: int
+    computed: int
+    failed: int
+    seconds: float
+
+
+def find(part: Part, cache: Cache) -> dict[str, Any]:
+    """Give the result of a part, computed here if it is not in the cache."""
+    kept = part.load(cache)
+    return part.store(cache, part.prepared(cache).compute()) if kept is None else kept
+
+
+def sweep(
+    points: Sequence[Point],
+    questions: Questions,
+    cache: Cache,
+    executor: Executor,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Find out about cores what the cache does not know yet. Each result is kept at once.
+
+    Parameters
+    ----------
+    points
+        The cores. One that is not legal, or that fails, has the reason in its row.
+    questions
+        What to find out.
+    cache
+        Where results are and go.
+    executor
+        What computes.
+    progress
+        Called after each part.
+
+    Raises
+    ------
+    YosysError
+        If resources are asked for and Yosys is not installed.
+    """
+    started = time.perf_counter()
+    wanted: list[dict[str, Part]] = []
+    illegal: dict[int, str] = {}
+    for number, point in enumerate(points):
+        try:
+            wanted.append(questions.parts(point))
+        except ValueError as error:
+            illegal[number] = str(error)
+            wanted.append({})
+    outcomes: dict[Part, dict[str, Any] | Failure] = {}
+    missing: list[Part] = []
+    for part in dict.fromkeys(part for parts in wanted for part in parts.values()):
+        kept = part.load(cache)
+        if kept is None:
+            missing.append(part)
+        else:
+            outcomes[part] = kept
+    found = len(outcomes)
+    total, done = sum(part.cost for part in missing), 0.0
+    if progress is not None:
+        progress("", done, total)
+    for part, outcome in executor.run([part.prepared(cache) for part in missing]):
+        outcomes[part] = (
+            outcome if isinstance(outcome, Failure) else part.store(cache, outcome)
+        )  # fmt: skip
+        done += part.cost
+        if progress is not None:
+            progress(part.kind, done, total)
+    rows = [
+        _row(point, parts, outcomes, illegal.get(number), questions)
+        for number, (point, parts) in enumerate(zip(points, wanted, strict=True))
+    ]
+    failed = sum(isinstance(outcome, Failure) for outcome in outcomes.values())
+    return Outcome(
+        rows=rows,
+        found=found,
+        computed=len(missing) - failed,
+        failed=failed + len(illegal),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _row(
+    point: Point,
+    parts: dict[str, Part],
+    outcomes: dict[Part, dict[str, Any] | Failure],
+    illegal: str | None,
+    questions: Questions,
+) -> dict[str, Any]:
+    """Make the row of a point."""
+    results = {name: outcomes[part] for name, part in parts.items()}
+    failures = {
+        name: result.message for name, result in results.items() if isinstance(result, Failure)
+    }
+    good = {name: result for name, result in results.items() if not isinstance(result, Failure)}
+    if illegal is not None:
+        failures["core"] = illegal
+    row = figures(point, good, failures, questions.conditions)
+    if "accuracy" in parts and questions.application is not None:
+        row["application"] = questions.application.name
+    return row

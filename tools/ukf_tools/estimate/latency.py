@@ -1,0 +1,39 @@
+"""Cycles of a core, from its schedule."""
+
+from typing import Any
+
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import Program
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+
+__all__ = ["describe_params", "latency"]
+
+
+def describe_params(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
+    """Give what a core computes and how it is built, ready for JSON."""
+    return {
+        "n": params.n, "m": params.m, "q": params.q, "r": params.r,
+        "process_noise": params.process_noise.value,
+        "observation_noise": params.observation_noise.value,
+        "W0": params.W0, "form": params.form.value, "format": params.format.name,
+        "pes": params.pes,
+        "pipeline": {
+            "multiply": pipeline.multiply, "add": pipeline.add,
+            "reciprocal_sqrt": pipeline.reciprocal_sqrt,
+        },
+    }  # fmt: skip
+
+
+def latency(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
+    """Give the cycles of every step, from the schedule.
+
+    Returns
+    -------
+    dict
+        ``steps`` of an iteration and their ``total``: SIG_GEN is free there, because an update
+        leaves the next sigma points; ``programs``, each with its length from start to end.
+    """
+    code = microcode(params, pipeline)
+    programs = {program.name: code.clocks(program) for program in Program}
+    steps = {"SIG_GEN": 0, "PREDICT": programs["PREDICT"], "UPDATE": programs["UPDATE"]}
+    return {"steps": steps, "total": sum(steps.values()), "programs": programs}

@@ -1,0 +1,1 @@
+"""Running the catalogue of applications, judging it, and drawing its errors."""

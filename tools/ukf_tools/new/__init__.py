@@ -1,0 +1,1 @@
+"""Projects of one's own to start from: `ukf new`."""
