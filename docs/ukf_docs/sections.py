@@ -12,10 +12,10 @@ from types import ModuleType
 
 from ukf_docs.studies import bench, growth, resources, routing
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec import registers
 from ukf_sw.spec.parameters import Form, Pipeline
+from ukf_sw.spec.sequence import Program
 from ukf_tools.design_report import paper_2018
 
 __all__ = ["DOCUMENTS", "SECTIONS", "refresh"]

@@ -11,7 +11,6 @@ from amaranth.back import verilog
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from ukf_hdl.core.control import reset_value
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.interfaces.c_header import core_header, registers_header
 from ukf_hdl.interfaces.device_tree import device_tree
@@ -194,7 +193,7 @@ def _describe_registers(core):
                     "lsb": position,
                     "width": width,
                     "access": field.access.value,
-                    "reset": reset_value(core.params, register, field),
+                    "reset": field.value_after_reset(core.params),
                     "doc": field.doc,
                 })  # fmt: skip
             position += width

@@ -6,11 +6,11 @@ import numpy as np
 
 from ukf_sim.bus import Answer, CosimBus, Request
 from ukf_sw.drivers.bus import Addresses, Words
-from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.registers import CONTROL, REGISTERS, STATUS, Step
+from ukf_sw.spec.registers import CONTROL, REGISTERS, STATUS
+from ukf_sw.spec.sequence import Step, find_way
 
 __all__ = ["LockstepBus", "MismatchError"]
 
@@ -238,20 +238,17 @@ class LockstepBus:
         self._catch_up()
 
     def step_clocks(self, step: Step) -> int:
-        """Clocks that a step would take, as the model stands; 0 if it ends at once."""
-        golden = self.golden
-        match step:
-            case Step.SIG_GEN if golden.points:
-                return 0
-            case Step.SIG_GEN if golden.predicted:
-                program = Program.SIG_GEN_PREDICTED
-            case Step.COVARIANCE if golden.predicted:
-                program = Program.COVARIANCE_PREDICTED
-            case Step.UPDATE if not golden.residuals:
-                program = Program.UPDATE_REDRAWN
-            case _:
-                program = Program[step.name]
-        return self._code.clocks(program)
+        """Clocks that a step would take, as the model stands; 0 if it ends at once.
+
+        Raises
+        ------
+        ValueError
+            If the step is illegal.
+        """
+        way = find_way(step, self.golden.flags)
+        if way is None:
+            raise ValueError(f"step must be legal in this state of the core, not {step.name}")
+        return 0 if way.program is None else self._code.clocks(way.program)
 
     def abort(self, step: Step, clocks: int) -> int:
         """Start a step, and write RESET some clocks later.

@@ -14,9 +14,9 @@ from ukf_hdl.generate import NAME, generate
 from ukf_sim.simulators import Build, Simulator, SimulatorError, build, simulate
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 if TYPE_CHECKING:
     from ukf_sim.bus import CoreBench

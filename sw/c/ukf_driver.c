@@ -231,6 +231,9 @@ struct field {
 
 #define FIELD(name, item, value, error) \
     {UKF_##name##_OFFSET, UKF_##name##_##item##_MASK, UKF_##name##_##item##_SHIFT, value, error}
+#define MEMBER(name, item, member) FIELD(name, item, core->member, WRONG_##name),
+#define WRONG_SIZES UKF_WRONG_SIZES
+#define WRONG_CONFIG UKF_WRONG_FORMAT
 
 static enum ukf_result check_core(struct ukf_driver *driver)
 {
@@ -238,15 +241,7 @@ static enum ukf_result check_core(struct ukf_driver *driver)
     const struct field fields[] = {
         FIELD(ID, MAGIC, UKF_ID_MAGIC_VALUE, UKF_WRONG_ID),
         FIELD(ID, VERSION, UKF_ID_VERSION_VALUE, UKF_WRONG_ID),
-        FIELD(SIZES, N, core->n, UKF_WRONG_SIZES),
-        FIELD(SIZES, Q, core->q, UKF_WRONG_SIZES),
-        FIELD(SIZES, R, core->r, UKF_WRONG_SIZES),
-        FIELD(SIZES, M, core->m, UKF_WRONG_SIZES),
-        FIELD(CONFIG, EXPONENT_BITS, core->exponent_bits, UKF_WRONG_FORMAT),
-        FIELD(CONFIG, FRACTION_BITS, core->fraction_bits, UKF_WRONG_FORMAT),
-        FIELD(CONFIG, COVARIANCE_FORM, core->covariance_form, UKF_WRONG_FORMAT),
-        FIELD(CONFIG, ADDITIVE_Q, core->additive_q, UKF_WRONG_FORMAT),
-        FIELD(CONFIG, ADDITIVE_R, core->additive_r, UKF_WRONG_FORMAT),
+        UKF_IDENTITY(MEMBER)
     };
     uint32_t word = 0;
 
@@ -467,7 +462,7 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *poi
                                   core->points, points);
     }
     if (result == UKF_OK) {
-        result = ukf_driver_write(driver, core->observation, 1u, core->m, core->m, z);
+        result = ukf_driver_write(driver, core->observation, core->m, 1u, 1u, z);
     }
     if (result == UKF_OK && !(driver->mask_known && driver->mask == mask)) {
         result = put(driver, UKF_MASK_OFFSET, mask);

@@ -20,16 +20,16 @@
 
 /** Sizes and addresses of a core: UKF_CORE_INITIALISER of the generated ukf_core.h. */
 struct ukf_core {
-    uint32_t n;      /**< States. */
-    uint32_t m;      /**< Observations. */
-    uint32_t q;      /**< Process noise terms. */
-    uint32_t r;      /**< Observation noise terms. */
-    uint32_t points; /**< Sigma points. */
+    uint32_t n; /**< States. */
+    uint32_t q; /**< Process noise terms. */
+    uint32_t r; /**< Observation noise terms. */
+    uint32_t m; /**< Observations. */
     uint32_t exponent_bits;
     uint32_t fraction_bits;
     uint32_t covariance_form; /**< 0: square-root form, 1: covariance form. */
     uint32_t additive_q;      /**< Process noise is additive. */
     uint32_t additive_r;      /**< Observation noise is additive. */
+    uint32_t points;          /**< Sigma points. */
     uint32_t element_bytes;   /**< Bytes of a number. */
     uint32_t row_stride;      /**< Bytes from a row to the next. */
     /* Base addresses of the regions, in bytes; 0 if there is none. */

@@ -3,15 +3,16 @@
 Wrong arguments are not among them: those are the usual TypeError and ValueError.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.spec.sequence import Step
 
 __all__ = [
     "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
     "DevicePermissionError", "IllegalStepError", "NotFiniteError",
     "NotPositiveDefiniteError", "SingularObservationError", "StepError", "StepLostError",
-    "UkfError", "WrongCoreError",
+    "UkfError", "WrongCoreError", "error_of",
 ]  # fmt: skip
 
 
@@ -101,7 +102,14 @@ class StepError(UkfError):
         What happened.
     step
         The step.
+
+    Attributes
+    ----------
+    error_code : ErrorCode or None
+        What the core reports so; None if the driver found it.
     """
+
+    error_code: ClassVar[ErrorCode | None] = None
 
     def __init__(self, message: str, step: Step) -> None:
         super().__init__(message)
@@ -158,12 +166,16 @@ class CoreError(StepError):
 class IllegalStepError(StepError):
     """A step was started while one ran, out of sequence, or with the core disabled."""
 
+    error_code = ErrorCode.ILLEGAL_STEP
+
     def __init__(self, step: Step) -> None:
         super().__init__(f"{step.name} must not start in this state of the core", step)
 
 
 class NotFiniteError(StepError):
     """A step met NaN or infinity. The estimate from before the step stays."""
+
+    error_code = ErrorCode.NOT_FINITE
 
     def __init__(self, step: Step) -> None:
         super().__init__(f"{step.name} met NaN or infinity", step)
@@ -177,6 +189,8 @@ class SingularObservationError(StepError):
     index
         Row of S, from 0, that depends on the rows before it.
     """
+
+    error_code = ErrorCode.SINGULAR_OBSERVATION
 
     def __init__(self, step: Step, index: int) -> None:
         super().__init__(f"{step.name}: innovation covariance is singular at row {index}", step)
@@ -192,6 +206,31 @@ class NotPositiveDefiniteError(StepError):
         Row of the bad pivot, from 0.
     """
 
+    error_code = ErrorCode.NOT_POSITIVE_DEFINITE
+
     def __init__(self, step: Step, index: int) -> None:
         super().__init__(f"{step.name}: covariance is not positive definite at row {index}", step)
         self.index = index
+
+
+def error_of(step: Step, code: int, index: int) -> StepError:
+    """Make the error that the core reports.
+
+    Parameters
+    ----------
+    step
+        The step.
+    code, index
+        Fields of the register ERROR; the code is not 0.
+    """
+    match code:
+        case ErrorCode.ILLEGAL_STEP:
+            return IllegalStepError(step)
+        case ErrorCode.NOT_FINITE:
+            return NotFiniteError(step)
+        case ErrorCode.SINGULAR_OBSERVATION:
+            return SingularObservationError(step, index)
+        case ErrorCode.NOT_POSITIVE_DEFINITE:
+            return NotPositiveDefiniteError(step, index)
+        case _:
+            return CoreError(step, code, index)

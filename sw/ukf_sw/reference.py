@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.spec.parameters import UkfParams
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.sequence import Step
 
 __all__ = ["ReferenceUkf", "lower_factor", "sigma_coefficients", "weights"]
 

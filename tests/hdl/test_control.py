@@ -6,7 +6,6 @@ from amaranth.sim import Simulator
 
 from support.axi4_lite_bench import AccessManager
 from ukf_hdl.core.control import Control
-from ukf_sw.engine.programs import Program
 from ukf_sw.spec import registers
 from ukf_sw.spec.float_format import BINARY16, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
@@ -29,8 +28,8 @@ from ukf_sw.spec.registers import (
     STATUS,
     Access,
     ErrorCode,
-    Step,
 )
+from ukf_sw.spec.sequence import Program, Step
 
 STEPS = [step for step in Step if step is not Step.IDLE]
 PARAMS = [
@@ -112,8 +111,8 @@ class Model:
                 | (p.observation_noise is Noise.ADDITIVE) << 20
             ),
             STATUS: (
-                self.step | self.initialised << 3 | self.points << 4 | self.residuals << 5
-                | self.gated << 6 | sum(start_bit(step) for step in self.ended)
+                self.step | self.initialised << 4 | self.points << 5 | self.residuals << 6
+                | self.gated << 7 | sum(start_bit(step) for step in self.ended)
             ),
             ERROR: self.error[0] | self.error[1] << 8,
             INTERRUPT_PENDING: self.pending,

@@ -27,8 +27,8 @@ from ukf_sw.spec.registers import (
     REGISTERS,
     STATUS,
     ErrorCode,
-    Step,
 )
+from ukf_sw.spec.sequence import Step
 
 SMALLEST = UkfParams(n=1, m=1)
 FAST = Pipeline(multiply=1, add=1, reciprocal_sqrt=1)

@@ -9,12 +9,12 @@ from amaranth.sim import Simulator
 from ukf_hdl.core.engine import Engine
 from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.engine.microcode import STEP_OVERHEAD
-from ukf_sw.engine.programs import Program
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.spec.sequence import Program
 
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),

@@ -7,8 +7,8 @@ from amaranth.sim import Simulator
 
 from ukf_hdl.core.sequencer import Sequencer
 from ukf_sw.engine.microcode import STEP_OVERHEAD, Microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),

@@ -16,7 +16,8 @@ from ukf_sw.errors import StepError
 from ukf_sw.problems.configurations import random_scenario
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS, Step
+from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS
+from ukf_sw.spec.sequence import Step
 
 __all__ = ["abort_steps", "abuse_bus", "everything", "poison_buffer", "sabotage", "use_filter"]
 

@@ -9,7 +9,7 @@ from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from ukf_sw.engine.layout import Layout
-from ukf_sw.engine.programs import Program
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["StubEngine"]
 

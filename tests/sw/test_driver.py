@@ -32,8 +32,8 @@ from ukf_sw.spec.registers import (
     SIZES,
     STATUS,
     ErrorCode,
-    Step,
 )
+from ukf_sw.spec.sequence import Flag, Step
 
 SMALL = UkfParams(n=2, m=2, q=1, r=2)
 ADDITIVE = {"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}
@@ -142,7 +142,7 @@ def test_wrong_core_is_named(register, field):
 )
 def test_right_core_is_accepted(params):
     driver, _, core = start(params)
-    assert core.initialised
+    assert Flag.INITIALISED in core.flags
     assert driver.params == params
 
 
@@ -370,7 +370,7 @@ def test_points_overwritten_in_part_are_drawn_again():
         driver.predict(points + 1.0)
     assert caught.value.address == bus.refuse
     bus.refuse = None
-    assert core.points  # so SIG_GEN alone would do nothing
+    assert Flag.POINTS in core.flags  # so SIG_GEN alone would do nothing
     np.testing.assert_array_equal(driver.sigma_points(), points)
     np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
 
@@ -426,7 +426,7 @@ def test_a_spurious_interrupt_is_not_the_end():
     driver._interrupt = interrupt
     core.hold = True
     driver.sigma_points()
-    assert core.points
+    assert Flag.POINTS in core.flags
 
 
 def test_events_from_before_the_driver_are_cleared():

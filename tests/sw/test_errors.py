@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from ukf_sw import errors
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.sequence import Step
 
 EXAMPLES = [
     errors.BusError(0x40, "read"),

@@ -6,7 +6,6 @@ import pytest
 from ukf_sw.drivers.bus import WordCodec
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.interpreter import Interpreter, RunResult
-from ukf_sw.engine.programs import Program
 from ukf_sw.errors import BusError
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
@@ -30,8 +29,8 @@ from ukf_sw.spec.registers import (
     STATUS,
     ErrorCode,
     Register,
-    Step,
 )
+from ukf_sw.spec.sequence import Bank, Flag, Program, Step
 
 SMALL = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 FORMATS = [BINARY16, BFLOAT16, BINARY32, BINARY64, FloatFormat(exponent_bits=6, fraction_bits=9)]
@@ -113,7 +112,7 @@ def test_registers_after_power_up(number_format):
     core = GoldenCore(params)
     expected = dict.fromkeys(REGISTERS, 0)
     expected |= {
-        ID: 0x554B_0001,
+        ID: 0x554B_0002,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
         MASK: 0xFFFF_FFFF,
@@ -159,7 +158,7 @@ def test_a_start_bit_acts_only_when_its_byte_is_strobed(core):
 
 @pytest.mark.parametrize("offset", range(4))
 def test_low_address_bits_do_not_matter(core, offset):
-    assert core.read(ID.offset + offset) == (0x554B_0001, True)
+    assert core.read(ID.offset + offset) == (0x554B_0002, True)
 
 
 def test_unmapped_addresses_are_refused(core):
@@ -339,10 +338,10 @@ def test_writes_to_the_estimate_outdate_what_was_made_of_it(core, before, strobe
     assert flags(core) == as_before
     core.write(address("x", 0, 1), 0, strobe)
     assert flags(core) == (as_before if strobe == 0 else {"INITIALISED": 1})
-    assert core.predicted == (before == "predicted")
+    assert (Flag.PREDICTED in core.flags) == (before == "predicted")
     core.write(address("L", 1, 0), 0, strobe)
     assert flags(core) == (as_before if strobe == 0 else {"INITIALISED": 1})
-    assert core.predicted == (before == "predicted" and strobe == 0)
+    assert (Flag.PREDICTED in core.flags) == (before == "predicted" and strobe == 0)
 
 
 # Interrupts.
@@ -415,7 +414,7 @@ def test_reset(core, running):
     if running:
         assert core.engine.ran[-1] == (Program.PREDICT, 1, *banks, 15)
     assert (read(core, STATUS), error(core), read(core, CYCLES)) == (0, (0, 0), 0)
-    assert not core.predicted
+    assert Flag.PREDICTED not in core.flags
     kept = (CONTROL, MASK, GATE_LOW, NIS_LOW, INTERRUPT_ENABLE)
     assert [read(core, register) for register in kept] == [ENABLE, 1, 1234, 44, 1]
     assert read(core, INTERRUPT_PENDING)
@@ -461,7 +460,7 @@ def test_buffer_keeps_words(number_format, noise):
     )
     for words, one_by_one in itertools.product((raw, ordinary), (False, True)):
         core = GoldenCore(params)
-        core.state_bank, core.factor_bank = 1, 0
+        core.banks = Bank.STATE
         order = rng.permutation(len(addresses)) if one_by_one else np.arange(len(addresses))
         if one_by_one:
             for i in order:
@@ -526,7 +525,8 @@ def test_block_writes_follow_the_flags(core):
             np.array([memory_map.address("Z", 0, 0), memory_map.address(symbol, 0, 0)]),
             np.array([1 << 30, 1 << 30], dtype=np.uint32),
         )
-        assert (core.residuals, core.predicted) == (symbol == "Z", predicted)
+        kept = (Flag.RESIDUALS in core.flags, Flag.PREDICTED in core.flags)
+        assert kept == (symbol == "Z", predicted)
 
 
 # With the real engine.

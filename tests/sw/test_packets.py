@@ -9,8 +9,8 @@ import pytest
 from ukf_sw.engine.control_word import READ, WRITE, Half
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.packets import COUNT_WIDTH, DISTANCE_WIDTH, Packet, pack
-from ukf_sw.engine.programs import Program
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 HALF = Half(
     name="test", fields=("flag", "address", "begin"), counting=("address",), once=("begin",)

@@ -13,12 +13,13 @@ from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.microcode import STEP_OVERHEAD, microcode
 from ukf_sw.engine.operations import Kind, ProgramBuilder
-from ukf_sw.engine.programs import Program, build_program
+from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 
 def random_configuration(rng, largest=5):

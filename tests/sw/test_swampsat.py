@@ -595,7 +595,7 @@ def test_rms_after_the_end_is_refused():
 def test_a_filter_that_breaks_off_is_reported(monkeypatch):
     from ukf_sw.errors import NotFiniteError
     from ukf_sw.problems.systems.swampsat import study
-    from ukf_sw.spec.registers import Step
+    from ukf_sw.spec.sequence import Step
 
     def broken(*_, **__):
         raise NotFiniteError(Step.UPDATE)

@@ -15,7 +15,7 @@ from ukf_docs.studies import iteration as timing
 from ukf_docs.studies import numerics
 from ukf_sw.errors import NotFiniteError
 from ukf_sw.problems import catalogue, data
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.sequence import Step
 from ukf_tools.cli import console
 from ukf_tools.evaluate import runner, swampsat
 

@@ -190,8 +190,8 @@ def test_published_figures_hang_together():
 def test_cycles_are_current():
     """Run `make baseline` if this fails."""
     from ukf_sw.engine.microcode import microcode
-    from ukf_sw.engine.programs import Program
     from ukf_sw.spec.parameters import Pipeline
+    from ukf_sw.spec.sequence import Program
 
     record = json.loads(MEASURED.read_text(encoding="utf-8"))
     for noise, params in (("augmented", NANOSAT), ("additive", NANOSAT_ADDITIVE)):

@@ -25,8 +25,8 @@ from ukf_sw.spec.registers import (
     SIZES,
     STATUS,
     ErrorCode,
-    Step,
 )
+from ukf_sw.spec.sequence import Step
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 
@@ -384,7 +384,8 @@ def test_a_refused_access_is_told_when_opening(library, offset):
 @pytest.mark.parametrize("symbol", ["X", "Z", "z", "x"])
 def test_a_refused_access_is_told_while_running(library, symbol):
     c, bus = start(library, AUGMENTED)
-    place = MemoryMap(AUGMENTED).address(symbol, 0, 1)
+    region = MemoryMap(AUGMENTED)[symbol]
+    place = MemoryMap(AUGMENTED).address(symbol, region.rows - 1, region.columns - 1)
 
     def iterate():
         c.predict(0.1)

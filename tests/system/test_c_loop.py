@@ -11,11 +11,11 @@ from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results, run_c_in_the_loop
 from ukf_sim.session import step_timeout
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.scenario_files import HEADER, export_scenario, read_results
 from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat, nanosat_2014_rates
 from ukf_sw.spec.parameters import Pipeline
+from ukf_sw.spec.sequence import Program
 from ukf_tools.cli import app
 
 STEPS = 5

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)

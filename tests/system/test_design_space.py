@@ -428,7 +428,7 @@ from ukf_tools.design_space.executors import Failure, LocalExecutor
 from ukf_tools.design_space.parts import Part, SchedulePart
 from ukf_sw.errors import SingularObservationError
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.sequence import Step
 
 
 class Failing(Part):

@@ -93,38 +93,27 @@ class Buffer(wiring.Component):
         """Split the places of all elements into tables over region, row and column.
 
         A region's element (row, column) is at position ``first + column`` of a vector that starts
-        at a base address of its row: lane ``position % P``, address ``base + position // P``. The
-        measurement z is a column, so it counts as a matrix of one element in each row.
+        at a base address of its row: lane ``position % P``, address ``base + position // P``.
         """
         pes = self._params.pes
         self._first = {}
         self._bases = {}
         self._distances = {}
         for region in self._map:
-            rows, columns = self._shape(region)
             self._first[region] = self._location(region, 0, 0)[0]
             self._distances[region] = self._bank_distances(region)
-            for row in range(rows):
-                base = self._bases[region, row] = self._at(region, row, 0)[1]
+            for row in range(region.rows):
+                base = self._bases[region, row] = self._location(region, row, 0)[1]
                 if any(base & distance for distance in self._distances[region]):
                     raise ValueError(f"Layout must have bank 0 of {region.symbol} below bank 1")
-                for column in range(columns):
+                for column in range(region.columns):
                     beat, lane = divmod(self._first[region] + column, pes)
-                    if self._at(region, row, column) != (lane, base + beat):
+                    found = self._location(region, row, column)
+                    if found != (lane, base + beat):
                         raise ValueError(
                             f"Layout must have element ({row}, {column}) of {region.symbol} in "
-                            f"lane {lane}, not {self._at(region, row, column)!r}"
+                            f"lane {lane}, not {found!r}"
                         )
-
-    def _at(self, region, row, column):
-        """Place of an element, z being a column."""
-        if region.symbol == "z":
-            row, column = column, row
-        return self._location(region, row, column)
-
-    def _shape(self, region):
-        """Rows and columns of a region, z being a column."""
-        return (region.columns, 1) if region.symbol == "z" else (region.rows, region.columns)
 
     def elaborate(self, platform):
         m = Module()
@@ -174,16 +163,9 @@ class Buffer(wiring.Component):
 
     def _elaborate_decode(self, m):
         """From the fields of an address to a place."""
-        region_field, row_field, column_field = self._fields()
+        region_field, row, column = self._fields()
         pes = self._params.pes
         regions = tuple(self._map)
-
-        # z is a column: swap its fields.
-        row = Signal(max(len(row_field), len(column_field)))
-        column = Signal.like(row)
-        m.d.comb += [row.eq(row_field), column.eq(column_field)]
-        with m.If(region_field == self._map["z"].index):
-            m.d.comb += [row.eq(column_field), column.eq(row_field)]
 
         # Per region: is the element inside, and at what position of its row?
         valid = Signal()
@@ -191,10 +173,9 @@ class Buffer(wiring.Component):
         offset = Signal(self._layout.address_width)
         with m.Switch(region_field):
             for region in regions:
-                rows, columns = self._shape(region)
                 with m.Case(region.index):
                     m.d.comb += [
-                        valid.eq((row < rows) & (column < columns)),
+                        valid.eq((row < region.rows) & (column < region.columns)),
                         first.eq(self._first[region]),
                     ]
                     for bank, distance in zip(
@@ -205,7 +186,7 @@ class Buffer(wiring.Component):
                                 m.d.comb += offset.eq(distance)
 
         # Per position: lane and beat.
-        last = max(self._first[region] + self._shape(region)[1] for region in regions) - 1
+        last = max(self._first[region] + region.columns for region in regions) - 1
         position = Signal(range(last + 1))
         lane = Signal(range(pes))
         beat = Signal(range(last // pes + 1))

@@ -1,21 +1,28 @@
 """Control registers of the core and the state machine of its steps."""
 
-from amaranth import Cat, Module, Mux, Signal, Value
+from amaranth import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
+from amaranth.lib.data import StructLayout
 from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.core.axi4_lite import AccessSignature
 from ukf_hdl.core.soc import csr, event
-from ukf_sw.engine.programs import Program
-from ukf_sw.spec import registers
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import Form, Noise, UkfParams
-from ukf_sw.spec.registers import DATA_WIDTH, REGISTERS, Access, ErrorCode, Step
+from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.registers import (
+    CYCLES,
+    DATA_WIDTH,
+    ERROR,
+    NIS_HIGH,
+    NIS_LOW,
+    REGISTERS,
+    STATUS,
+    Access,
+    ErrorCode,
+)
+from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Bank, Flag, Program, Step
 
-__all__ = ["Control", "reset_value"]
-
-#: Steps that a bit of CONTROL starts, in the order of the bits.
-STEPS = tuple(step for step in Step if step is not Step.IDLE)
+__all__ = ["Control"]
 
 
 class StrobedRW(csr.FieldAction):
@@ -89,34 +96,6 @@ class MonitorPending(csr.FieldAction):
             self.clear.eq(Mux(self.port.w_stb, self.port.w_data, 0)),
         ]
         return m
-
-
-def reset_value(params: UkfParams, register: registers.Register, field: registers.Field) -> int:
-    """Give the value of a register field after reset, for a core of these parameters.
-
-    Parameters
-    ----------
-    params
-        What the core computes.
-    register, field
-        Field of :data:`ukf_sw.spec.registers.REGISTERS`.
-    """
-    infinity = params.format.infinity
-    values = {
-        (registers.SIZES, "N"): params.n,
-        (registers.SIZES, "Q"): params.q,
-        (registers.SIZES, "R"): params.r,
-        (registers.SIZES, "M"): params.m,
-        (registers.CONFIG, "PES"): params.pes,
-        (registers.CONFIG, "EXPONENT_BITS"): params.format.exponent_bits,
-        (registers.CONFIG, "FRACTION_BITS"): params.format.fraction_bits,
-        (registers.CONFIG, "COVARIANCE_FORM"): int(params.form is Form.COVARIANCE),
-        (registers.CONFIG, "ADDITIVE_Q"): int(params.process_noise is Noise.ADDITIVE),
-        (registers.CONFIG, "ADDITIVE_R"): int(params.observation_noise is Noise.ADDITIVE),
-        (registers.GATE_LOW, "VALUE"): infinity % (1 << DATA_WIDTH),
-        (registers.GATE_HIGH, "VALUE"): infinity >> DATA_WIDTH,
-    }
-    return values.get((register, field.name), field.reset)
 
 
 class Control(wiring.Component):
@@ -215,7 +194,7 @@ class Control(wiring.Component):
         """Make a CSR register from every register of the description."""
 
         def action(register, field):
-            reset = reset_value(self._params, register, field)
+            reset = field.value_after_reset(self._params)
             match field.access:
                 case Access.RO:
                     return csr.Field(csr.action.R, field.width)
@@ -279,11 +258,8 @@ class Control(wiring.Component):
             any_start.eq(starts.any() & ~reset),
         ]
 
-        # Flags: what the memories hold.
-        initialised = Signal()
-        points = Signal()
-        predicted = Signal()
-        residuals = Signal()
+        # What is known of the memories, a bit for each Flag, and of the steps.
+        flags = Signal(len(Flag))
         gated = Signal()
         ended = Signal(len(STEPS))
         cycles = Signal(DATA_WIDTH)
@@ -291,6 +267,7 @@ class Control(wiring.Component):
         error_index = Signal(8)
         nis = Signal(self._params.format.width)
         state = Signal(Step)
+        m.d.comb += self.busy.eq(state != Step.IDLE)
 
         # Events.
         step_done = Signal()
@@ -298,38 +275,20 @@ class Control(wiring.Component):
         self._elaborate_interrupt(m, fields, step_done, error_recorded)
 
         # Judgement of a start.
-        allowed = Signal()
-        at_once = Signal()
-        program = Signal(Program)
-        step = Signal(Step)
+        way = self._elaborate_ways(m, starts, flags)
         launch = Signal()
         refuse = Signal()
-        with m.Switch(starts):
-            for index, (choice, condition, chosen) in enumerate((
-                (Step.INIT, 1, Program.INIT),
-                (Step.SIG_GEN, initialised,
-                 Mux(predicted, Program.SIG_GEN_PREDICTED, Program.SIG_GEN)),
-                (Step.PREDICT, points, Program.PREDICT),
-                (Step.UPDATE, residuals | points,
-                 Mux(residuals, Program.UPDATE, Program.UPDATE_REDRAWN)),
-                (Step.COVARIANCE, initialised,
-                 Mux(predicted, Program.COVARIANCE_PREDICTED, Program.COVARIANCE)),
-            )):  # fmt: skip
-                with m.Case(1 << index):
-                    m.d.comb += [allowed.eq(condition), program.eq(chosen), step.eq(choice)]
         m.d.comb += [
-            at_once.eq((step == Step.SIG_GEN) & points),
-            launch.eq(any_start & allowed & control.ENABLE.next & ~self.busy),
+            launch.eq(any_start & way.legal & control.ENABLE.next & ~self.busy),
             refuse.eq(any_start & ~launch),
-            self.busy.eq(state != Step.IDLE),
         ]
 
         # Below, a later assignment wins over an earlier one.
         # Writes over the bus to what steps start from.
-        with m.If(self.state_written):
-            m.d.sync += [points.eq(0), residuals.eq(0)]
-        with m.If(self.factor_written):
-            m.d.sync += [points.eq(0), residuals.eq(0), predicted.eq(0)]
+        memory_map = MemoryMap(self._params)
+        for written, symbol in ((self.state_written, "x"), (self.factor_written, "L")):
+            with m.If(written):
+                m.d.sync += self._bits(flags, memory_map[symbol].forgets).eq(0)
 
         # Start.
         m.d.sync += [self.start.eq(0), self.stop.eq(0)]
@@ -337,15 +296,15 @@ class Control(wiring.Component):
             m.d.sync += [
                 error_code.eq(ErrorCode.NONE),
                 error_index.eq(0),
-                ended.eq(Mux(at_once, ended | starts, ended & ~starts)),
+                ended.eq(Mux(way.at_once, ended | starts, ended & ~starts)),
                 cycles.eq(0),
             ]
-            with m.If(step == Step.UPDATE):
+            with m.If(way.step == Step.UPDATE):
                 m.d.sync += gated.eq(0)
-            with m.If(~at_once):
+            with m.If(~way.at_once):
                 m.d.sync += [
-                    state.eq(step),
-                    self.program.eq(program),
+                    state.eq(way.step),
+                    self.program.eq(way.program),
                     self.observation_mask.eq(fields["MASK"].VALUE.data),
                     self.start.eq(1),
                 ]
@@ -360,7 +319,7 @@ class Control(wiring.Component):
         m.d.comb += [
             end.eq(self.busy & self.done & ~reset),
             failed.eq(self.error_code != ErrorCode.NONE),
-            step_done.eq(end | (launch & at_once)),
+            step_done.eq(end | (launch & way.at_once)),
             error_recorded.eq((end & failed) | refuse),
         ]
         with m.If(end):
@@ -371,40 +330,52 @@ class Control(wiring.Component):
                         m.d.sync += ended[index].eq(1)
             with m.If(failed):
                 m.d.sync += [error_code.eq(self.error_code), error_index.eq(self.error_index)]
-            self._elaborate_effects(
-                m, failed, fields, nis, gated, initialised, points, predicted, residuals
-            )
+            self._elaborate_ending(m, fields, failed, flags, gated, nis)
 
         # Reset.
         with m.If(reset):
             m.d.sync += [
                 state.eq(Step.IDLE),
                 self.stop.eq(1),
-                Cat(initialised, points, predicted, residuals, gated, ended).eq(0),
-                Cat(error_code, error_index, cycles).eq(0),
+                Cat(flags, gated, ended, error_code, error_index, cycles).eq(0),
             ]
 
-        # What the registers show.
-        status = fields["STATUS"]
-        m.d.comb += [
-            status.STATE.r_data.eq(state),
-            status.INITIALISED.r_data.eq(initialised),
-            status.POINTS.r_data.eq(points),
-            status.RESIDUALS.r_data.eq(residuals),
-            status.GATED.r_data.eq(gated),
-            *(status[choice.name].r_data.eq(bit) for choice, bit in zip(STEPS, ended, strict=True)),
-            fields["ERROR"].CODE.r_data.eq(error_code),
-            fields["ERROR"].INDEX.r_data.eq(error_index),
-            fields["CYCLES"].VALUE.r_data.eq(cycles),
-            fields["NIS_LOW"].VALUE.r_data.eq(nis),
-            fields["NIS_HIGH"].VALUE.r_data.eq(nis >> DATA_WIDTH),
-        ]
-        for register in (registers.ID, registers.SIZES, registers.CONFIG):
-            for field in register:
-                value = reset_value(self._params, register, field)
-                m.d.comb += fields[register.name][field.name].r_data.eq(value)
-
+        self._elaborate_values(m, fields, {
+            (STATUS, "STATE"): state,
+            (STATUS, "GATED"): gated,
+            **{
+                (STATUS, flag.name): self._bits(flags, flag)
+                for flag in Flag if flag is not Flag.PREDICTED
+            },
+            **{
+                (STATUS, step.name): bit for step, bit in zip(STEPS, ended, strict=True)
+            },
+            (ERROR, "CODE"): error_code,
+            (ERROR, "INDEX"): error_index,
+            (CYCLES, "VALUE"): cycles,
+            (NIS_LOW, "VALUE"): nis[:DATA_WIDTH],
+            (NIS_HIGH, "VALUE"): nis[DATA_WIDTH:],
+        })  # fmt: skip
         return m
+
+    @staticmethod
+    def _bits(flags, chosen):
+        """Bits of some flags."""
+        return Cat(bit for bit, flag in zip(flags, Flag, strict=True) if flag in chosen)
+
+    def _elaborate_values(self, m, fields, values):
+        """What the read-only fields show: these values, and the constants of the description."""
+        for register in REGISTERS:
+            for field in register:
+                if field.access is Access.RO:
+                    value = (
+                        field.value_after_reset(self._params)
+                        if field.is_fixed
+                        else values.pop((register, field.name))
+                    )
+                    m.d.comb += fields[register.name][field.name].r_data.eq(value)
+        if values:
+            raise RuntimeError(f"Fields must be read only and have values, not {list(values)!r}")
 
     def _elaborate_access(self, m):
         """From accesses to the CSR bus: two clocks each, strobes and unmapped addresses."""
@@ -458,43 +429,50 @@ class Control(wiring.Component):
             ]
         m.d.comb += self.irq.eq(monitor.src.i)
 
-    def _elaborate_effects(
-        self, m, failed, fields, nis, gated, initialised, points, predicted, residuals
-    ):
-        """What the end of a program does to the flags and banks."""
+    def _elaborate_ways(self, m, starts, flags):
+        """What a start bit would start: the first way whose flag is set, as in the table."""
+        way = Signal(StructLayout({
+            "step": Step, "program": Program, "legal": 1, "at_once": 1,
+        }))  # fmt: skip
+        with m.Switch(starts):
+            for index, step in enumerate(STEPS):
+                with m.Case(1 << index):
+                    m.d.comb += way.step.eq(step)
+                    # The first in the table wins, so it is assigned last.
+                    for choice in reversed(WAYS[step]):
+                        with m.If(flags & choice.needs if choice.needs else Const(1)):
+                            m.d.comb += [
+                                way.legal.eq(1),
+                                way.at_once.eq(choice.program is None),
+                                way.program.eq(choice.program or 0),
+                            ]
+        return way
+
+    def _elaborate_ending(self, m, fields, failed, flags, gated, nis):
+        """What the end of a program does to the flags and banks, as in the table."""
         magnitude = slice(0, self._params.format.width - 1)
         gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
         above_gate = Signal()
         # Magnitudes of floating-point numbers compare as integers.
         m.d.comb += above_gate.eq(self.nis[magnitude] > gate[magnitude])
 
+        def change(effect):
+            for value, chosen in ((0, effect.clears), (1, effect.sets)):
+                m.d.sync += [bit.eq(value) for bit in self._bits(flags, chosen)]
+            for bank, line in ((Bank.STATE, self.state_bank), (Bank.FACTOR, self.factor_bank)):
+                if bank in effect.turns:
+                    m.d.sync += line.eq(~line)
+
         with m.Switch(self.program):
-            with m.Case(Program.INIT):
-                m.d.sync += [
-                    initialised.eq(~failed),
-                    Cat(points, predicted, residuals).eq(0),
-                ]
-            with m.Case(Program.SIG_GEN, Program.SIG_GEN_PREDICTED):
-                with m.If(~failed):
-                    m.d.sync += [points.eq(1), Cat(predicted, residuals).eq(0)]
-                    with m.If(self.program == Program.SIG_GEN_PREDICTED):
-                        m.d.sync += self.factor_bank.eq(~self.factor_bank)
-            with m.Case(Program.PREDICT):
-                m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]
-                with m.If(~failed):
-                    m.d.sync += self.state_bank.eq(~self.state_bank)
-            with m.Case(Program.UPDATE, Program.UPDATE_REDRAWN):
-                with m.If(~failed):
-                    m.d.sync += nis.eq(self.nis)
-                with m.If(failed | above_gate):
-                    m.d.sync += gated.eq(~failed)
-                    # The redrawn program has overwritten what the flags stand for.
-                    with m.If(self.program == Program.UPDATE_REDRAWN):
-                        m.d.sync += Cat(points, predicted, residuals).eq(0)
-                with m.Else():
-                    m.d.sync += [
-                        points.eq(1),
-                        Cat(predicted, residuals).eq(0),
-                        self.state_bank.eq(~self.state_bank),
-                        self.factor_bank.eq(~self.factor_bank),
-                    ]
+            for program, ending in ENDINGS.items():
+                with m.Case(program):
+                    rejected = failed
+                    if ending.gives_nis:
+                        rejected = failed | above_gate
+                        m.d.sync += gated.eq(~failed & above_gate)
+                        with m.If(~failed):
+                            m.d.sync += nis.eq(self.nis)
+                    with m.If(rejected):
+                        change(ending.failure)
+                    with m.Else():
+                        change(ending.success)

@@ -11,10 +11,10 @@ from ukf_hdl.core.sequencer import Sequencer
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.control_word import BusSource
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["Engine"]
 

@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.core.unpacker import Unpacker
-from ukf_sw.engine.programs import Program
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["Sequencer", "control_layout"]
 

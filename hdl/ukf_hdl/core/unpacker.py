@@ -6,7 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ukf_sw.engine.packets import DISTANCE_WIDTH
-from ukf_sw.engine.programs import Program
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["Unpacker"]
 

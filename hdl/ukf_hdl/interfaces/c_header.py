@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from ukf_sw.spec.registers import ID, ErrorCode, Step
+from ukf_sw.spec.registers import ID, IDENTITY, STATUS, ErrorCode
+from ukf_sw.spec.sequence import NO_FLAG, STEPS, WAYS, Flag, Step
 
 __all__ = ["core_header", "registers_header"]
 
@@ -12,6 +13,15 @@ REGIONS = (
     "observation", "state", "factor", "covariance", "process_noise_factor",
     "observation_noise_factor",
 )  # fmt: skip
+
+
+#: Fields that identify a core, in the order of their registers; any number of PEs will do.
+IDENTITY_FIELDS = tuple(
+    (register.name, field.name)
+    for register in IDENTITY
+    for field in register
+    if field.of is not None and field.name != "PES"
+)
 
 
 def registers_header(record: dict[str, Any]) -> str:
@@ -47,10 +57,29 @@ def registers_header(record: dict[str, Any]) -> str:
             ]
     lines += ["", "/* Values of STATUS.STATE. */"]
     lines += [f"#define UKF_STEP_{step.name} {step.value}u" for step in Step]
+    lines += ["", "/* Bits of STATUS of which a step needs one; 0 if it is always legal. */"]
+    lines += [f"#define UKF_STEP_{step.name}_NEEDS {_needs(step):#x}u" for step in STEPS]
     lines += ["", "/* Values of ERROR.CODE. */"]
     lines += [f"#define UKF_ERROR_CODE_{code.name} {code.value}u" for code in ErrorCode]
+    lines += [
+        "",
+        "/* X(register, field, member) for what identifies a core beside ID and the number of",
+        " * processing elements; members are those of `struct ukf_core` (ukf_driver.h). */",
+        " \\\n    ".join(
+            (
+                "#define UKF_IDENTITY(X)",
+                *(f"X({name}, {field}, {field.lower()})" for name, field in IDENTITY_FIELDS),
+            )
+        ),
+    ]
     lines += ["", *_structure(record), "", "#endif", ""]
     return "\n".join(lines)
+
+
+def _needs(step: Step) -> int:
+    """Bits of STATUS of which a step needs one; a prediction is there only after an INIT."""
+    flags = {way.needs for way in WAYS[step]} - {NO_FLAG, Flag.PREDICTED}
+    return sum(STATUS[str(flag.name)].mask for flag in flags)
 
 
 def _structure(record: dict[str, Any]) -> list[str]:
@@ -86,14 +115,13 @@ def core_header(record: dict[str, Any]) -> str:
     record
         Description of the core.
     """
-    parameters = record["parameters"]
-    number_format = parameters["format"]
+    values = {
+        (register["name"], field["name"]): field["reset"]
+        for register in record["registers"]
+        for field in register["fields"]
+    }
     bases = {region["name"]: region["base"] for region in record["regions"]}
     points = next(region["columns"] for region in record["regions"] if region["symbol"] == "X")
-    additive = {
-        noise: int(parameters[f"{noise}_noise"] == "additive")
-        for noise in ("process", "observation")
-    }
     lines = [
         "/* Sizes and addresses of a UKF core. Generated, do not edit. */",
         "#ifndef UKF_CORE_H",
@@ -102,14 +130,9 @@ def core_header(record: dict[str, Any]) -> str:
         '#include "ukf_registers.h"',
         "",
         "/* Sizes. */",
-        *(f"#define UKF_{name.upper()} {parameters[name]}u" for name in "nmqr"),
+        *(f"#define UKF_{field} {values[name, field]}u" for name, field in IDENTITY_FIELDS),
         f"#define UKF_POINTS {points}u",
-        f"#define UKF_PES {parameters['pes']}u",
-        f"#define UKF_EXPONENT_BITS {number_format['exponent_bits']}u",
-        f"#define UKF_FRACTION_BITS {number_format['fraction_bits']}u",
-        f"#define UKF_COVARIANCE_FORM {int(parameters['form'] == 'covariance')}u",
-        f"#define UKF_ADDITIVE_Q {additive['process']}u",
-        f"#define UKF_ADDITIVE_R {additive['observation']}u",
+        f"#define UKF_PES {values['CONFIG', 'PES']}u",
         "",
         "/* Addresses are in bytes. Element (i, j) of a region is at",
         " * base + i * UKF_ROW_STRIDE + j * UKF_ELEMENT_BYTES. */",
@@ -128,13 +151,8 @@ def core_header(record: dict[str, Any]) -> str:
             f"#define {stem}_COLUMNS {region['columns']}u",
         ]
     members = [
-        *((name, f"UKF_{name.upper()}") for name in "nmqr"),
+        *((field.lower(), f"UKF_{field}") for _, field in IDENTITY_FIELDS),
         ("points", "UKF_POINTS"),
-        ("exponent_bits", "UKF_EXPONENT_BITS"),
-        ("fraction_bits", "UKF_FRACTION_BITS"),
-        ("covariance_form", "UKF_COVARIANCE_FORM"),
-        ("additive_q", "UKF_ADDITIVE_Q"),
-        ("additive_r", "UKF_ADDITIVE_R"),
         ("element_bytes", "UKF_ELEMENT_BYTES"),
         ("row_stride", "UKF_ROW_STRIDE"),
         *((name, f"UKF_{name.upper()}_BASE" if name in bases else "0u") for name in REGIONS),

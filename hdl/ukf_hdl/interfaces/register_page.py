@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Flag, Way
+
 __all__ = ["register_page"]
 
 
@@ -58,4 +60,32 @@ def register_page(record: dict[str, Any]) -> str:
         f"{region['columns']} | {region['doc']} |"
         for region in record["regions"]
     ]
+    lines += [
+        "",
+        "## Steps",
+        "",
+        "A step takes the first of its ways whose flag is set, and is illegal if there is none.",
+        "All flags but `PREDICTED` can be read in `STATUS`.",
+        "",
+        "| Step | Needs | Runs | Leaves set | Leaves cleared |",
+        "|------|-------|------|------------|----------------|",
+    ]
+    lines += [
+        f"| `{step.name}` | {_names(way.needs)} | {_run(way)} |"
+        for step in STEPS
+        for way in WAYS[step]
+    ]
     return "\n".join([*lines, ""])
+
+
+def _names(flags: Flag) -> str:
+    """Names of flags."""
+    return ", ".join(f"`{flag.name}`" for flag in Flag if flag in flags) or "–"
+
+
+def _run(way: Way) -> str:
+    """What a way runs and, if that succeeds, leaves."""
+    if way.program is None:
+        return "nothing, it ends at once | – | –"
+    change = ENDINGS[way.program].success
+    return f"`{way.program.name}` | {_names(change.sets)} | {_names(change.clears)}"

@@ -3,7 +3,8 @@
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-from ukf_sw.spec.registers import ErrorCode, Step
+from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.spec.sequence import Step
 
 __all__ = ["svd"]
 

@@ -10,18 +10,14 @@ from numpy.typing import NDArray
 
 from ukf_sw.drivers.bus import Addresses, Bus, WordCodec, Words
 from ukf_sw.errors import (
-    CoreError,
     CoreTimeoutError,
-    IllegalStepError,
-    NotFiniteError,
-    NotPositiveDefiniteError,
-    SingularObservationError,
     StepLostError,
     WrongCoreError,
+    error_of,
 )
 from ukf_sw.reference import lower_factor
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import (
     CONFIG,
     CONTROL,
@@ -29,18 +25,17 @@ from ukf_sw.spec.registers import (
     ERROR,
     GATE_HIGH,
     GATE_LOW,
-    ID,
+    IDENTITY,
     INTERRUPT_ENABLE,
     INTERRUPT_PENDING,
     MASK,
     NIS_HIGH,
     NIS_LOW,
-    SIZES,
     STATUS,
     ErrorCode,
     Register,
-    Step,
 )
+from ukf_sw.spec.sequence import STEPS, Step
 
 __all__ = ["Driver", "Traffic"]
 
@@ -48,7 +43,7 @@ Array = NDArray[np.float64]
 
 ENABLE = CONTROL["ENABLE"].mask
 RESET = CONTROL["RESET"].mask
-START = {step: ENABLE | CONTROL[step.name].mask for step in Step if step is not Step.IDLE}
+START = {step: ENABLE | CONTROL[step.name].mask for step in STEPS}
 DONE = {step: STATUS[step.name].mask for step in START}
 STATE = STATUS["STATE"].mask
 GATED = STATUS["GATED"].mask
@@ -166,7 +161,7 @@ class Driver:
         self._x_addresses = self._addresses("x", 1, n)
         self._X_read = self._addresses("X", n, n + 2)
         self._X_write = self._addresses("X", n, N)
-        self._Z_write = np.concatenate((self._addresses("Z", m, N), self._addresses("z", 1, m)))
+        self._Z_write = np.concatenate((self._addresses("Z", m, N), self._addresses("z", m, 1)))
 
         self._pes = self._check_core()
         self.reset()
@@ -175,28 +170,17 @@ class Driver:
 
     def _check_core(self) -> int:
         """Compare the core with the parameters; gives its number of processing elements."""
-        p = self._params
-        expected = {
-            (ID, "MAGIC"): ID["MAGIC"].reset,
-            (ID, "VERSION"): ID["VERSION"].reset,
-            (SIZES, "N"): p.n,
-            (SIZES, "Q"): p.q,
-            (SIZES, "R"): p.r,
-            (SIZES, "M"): p.m,
-            (CONFIG, "EXPONENT_BITS"): p.format.exponent_bits,
-            (CONFIG, "FRACTION_BITS"): p.format.fraction_bits,
-            (CONFIG, "COVARIANCE_FORM"): int(p.form is Form.COVARIANCE),
-            (CONFIG, "ADDITIVE_Q"): int(p.process_noise is Noise.ADDITIVE),
-            (CONFIG, "ADDITIVE_R"): int(p.observation_noise is Noise.ADDITIVE),
-        }
-        words: dict[str, int] = {}
-        for (register, name), value in expected.items():
-            if register.name not in words:
-                words[register.name] = self._read_register(register)
-            found = register[name].get(words[register.name])
-            if found != value:
-                raise WrongCoreError(f"{register.name}.{name}", value, found)
-        return CONFIG["PES"].get(words["CONFIG"])
+        pes = CONFIG["PES"]
+        number = 0
+        for register in IDENTITY:
+            word = self._read_register(register)
+            for field in register:
+                found, value = field.get(word), field.value_after_reset(self._params)
+                if field is pes:
+                    number = found
+                elif found != value:
+                    raise WrongCoreError(f"{register.name}.{field.name}", value, found)
+        return number
 
     @property
     def params(self) -> UkfParams:
@@ -288,16 +272,7 @@ class Driver:
             self.last_cycles[step.name] = self._read_register(CYCLES)
         if code == ErrorCode.NONE:
             return status
-        index = ERROR["INDEX"].get(error)
-        if code == ErrorCode.ILLEGAL_STEP:
-            raise IllegalStepError(step)
-        if code == ErrorCode.NOT_FINITE:
-            raise NotFiniteError(step)
-        if code == ErrorCode.SINGULAR_OBSERVATION:
-            raise SingularObservationError(step, index)
-        if code == ErrorCode.NOT_POSITIVE_DEFINITE:
-            raise NotPositiveDefiniteError(step, index)
-        raise CoreError(step, code, index)
+        raise error_of(step, code, ERROR["INDEX"].get(error))
 
     def _wait(self, step: Step) -> int:
         """Wait until no step runs; gives STATUS."""

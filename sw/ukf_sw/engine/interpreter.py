@@ -20,10 +20,10 @@ from ukf_sw.engine.arithmetic import (
 )
 from ukf_sw.engine.control_word import BusSource
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["AdderConflictError", "Interpreter", "RunResult"]
 

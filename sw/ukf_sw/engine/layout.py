@@ -223,13 +223,12 @@ class Layout:
         return words
 
     def buffer_vector(self, symbol: str, row: int) -> tuple[Vector, int]:
-        """Find the vector that holds a row of a buffer region, and the column of its element 0.
-
-        ``z`` is not a vector but a column, the right-hand side of Z: see :meth:`buffer_location`.
-        """
+        """Find the vector that holds a row of a buffer region, and the column of its element 0."""
         p = self.params
         if symbol in ("W", "V", "X", "Z"):
             return getattr(self, symbol)[row], self.sigma
+        if symbol == "z":
+            return self.Z[row], self.rhs
         if symbol == "x":
             return self.x, 0
         if symbol == "LQ" and p.additive_q:
@@ -250,11 +249,7 @@ class Layout:
         state_bank, factor_bank
             Which copies of x and of L are the current ones.
         """
-        if symbol == "z":
-            vector, offset = self.Z[column], self.rhs
-            column = 0
-        else:
-            vector, offset = self.buffer_vector(symbol, row)
+        vector, offset = self.buffer_vector(symbol, row)
         (address, bank), lane = vector.element(offset + column)
         turned = {BANK_NONE: 0, BANK_STATE: state_bank, BANK_FACTOR: factor_bank}[bank]
         return lane, address + turned * self.bank_offset

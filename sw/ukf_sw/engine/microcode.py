@@ -9,10 +9,11 @@ from ukf_sw.engine.control_word import READ, WRITE, BusSource, ControlFormat, Ha
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
 from ukf_sw.engine.operations import Kind, Operation, Scalar
 from ukf_sw.engine.packets import PacketStream
-from ukf_sw.engine.programs import Program, build_program
+from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode"]
 

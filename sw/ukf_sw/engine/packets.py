@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.engine.control_word import ControlField, ControlFormat, Half
-from ukf_sw.engine.programs import Program
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["COUNT_WIDTH", "DISTANCE_WIDTH", "Packet", "PacketFormat", "PacketStream", "pack"]
 

@@ -1,7 +1,6 @@
 """The steps of the filter, as programs for the array."""
 
 from collections.abc import Callable
-from enum import IntEnum
 
 from ukf_sw.engine.kernels import (
     Columns,
@@ -15,21 +14,9 @@ from ukf_sw.engine.kernels import (
 from ukf_sw.engine.layout import Layout, Vector
 from ukf_sw.engine.operations import Operation, ProgramBuilder, Scalar
 from ukf_sw.spec.parameters import Form
+from ukf_sw.spec.sequence import Program
 
-__all__ = ["Program", "build_program"]
-
-
-class Program(IntEnum):
-    """Programs of the engine; the value is what the control unit passes to it."""
-
-    INIT = 0  #: Check x and L, compute the noise rows W and V.
-    SIG_GEN = 1  #: X from x and L.
-    SIG_GEN_PREDICTED = 2  #: L from the predicted residuals, then X.
-    PREDICT = 3  #: x and the weighted residuals from the transformed X.
-    UPDATE_REDRAWN = 4  #: Residuals from sigma points that were just drawn; UPDATE follows on.
-    UPDATE = 5  #: x, L and the next X from Z and z.
-    COVARIANCE = 6  #: P from L.
-    COVARIANCE_PREDICTED = 7  #: P from the predicted residuals.
+__all__ = ["build_program"]
 
 
 class _Columns:

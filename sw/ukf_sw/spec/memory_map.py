@@ -13,13 +13,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.sequence import NO_BANK, NO_FLAG, Bank, Flag
 
 __all__ = ["MemoryMap", "Region"]
+
+_BANKS = {"x": Bank.STATE, "L": Bank.FACTOR}
+_FORGETS = {
+    "x": Flag.POINTS | Flag.RESIDUALS,
+    "L": Flag.POINTS | Flag.RESIDUALS | Flag.PREDICTED,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A matrix in the buffer; a vector is a matrix of one row.
+    """A matrix in the buffer; x is a matrix of one row, z of one column.
 
     Parameters
     ----------
@@ -33,6 +40,10 @@ class Region:
         Shape. Elements outside are unmapped.
     doc
         Meaning, for the documentation.
+    bank
+        Bank that says which of its copies is the current one, which is what the bus sees.
+    forgets
+        Flags that a write to it clears: what the memories held then belongs to another estimate.
     """
 
     symbol: str
@@ -41,6 +52,8 @@ class Region:
     rows: int
     columns: int
     doc: str
+    bank: Bank = NO_BANK
+    forgets: Flag = NO_FLAG
 
 
 @dataclass(frozen=True)
@@ -59,7 +72,7 @@ class MemoryMap:
             ("V", "observation_noise_points", p.augmented_r, p.N,
              "Sigma points of the observation noise."),
             ("Z", "observation_points", p.m, p.N, "Sigma points seen through h."),
-            ("z", "observation", 1, p.m, "Measurement."),
+            ("z", "observation", p.m, 1, "Measurement."),
             ("x", "state", 1, p.n, "State estimate."),
             ("L", "factor", p.n, p.n, "Lower triangular factor of P: P = L L^T."),
             ("P", "covariance", p.n, p.n, "Covariance, as of the last COVARIANCE step."),
@@ -67,7 +80,16 @@ class MemoryMap:
             ("LR", "observation_noise_factor", p.r, p.r, "Lower triangular factor of R."),
         )  # fmt: skip
         return tuple(
-            Region(symbol=symbol, name=name, index=index, rows=rows, columns=columns, doc=doc)
+            Region(
+                symbol=symbol,
+                name=name,
+                index=index,
+                rows=rows,
+                columns=columns,
+                doc=doc,
+                bank=_BANKS.get(symbol, NO_BANK),
+                forgets=_FORGETS.get(symbol, NO_FLAG),
+            )
             for index, (symbol, name, rows, columns, doc) in enumerate(table, start=1)
             if rows and columns
         )

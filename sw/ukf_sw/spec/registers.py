@@ -1,39 +1,42 @@
 """Register map of the core: the one description that hardware, driver, header and docs share."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.sequence import STEPS
+
 __all__ = [
-    "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID",
+    "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID", "IDENTITY",
     "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
-    "SIZES", "STATUS", "VERSION", "Access", "ErrorCode", "Field", "Register", "Step",
+    "SIZES", "STATUS", "VERSION", "Access", "ErrorCode", "Field", "Register",
 ]  # fmt: skip
 
 DATA_WIDTH = 32
 MAGIC = 0x554B  #: "UK"
-VERSION = 1  #: Revision of this map.
-
-
-class Step(IntEnum):
-    """Steps that the processor starts, and values of STATUS.STATE."""
-
-    IDLE = 0
-    INIT = 1
-    SIG_GEN = 2
-    PREDICT = 3
-    UPDATE = 4
-    COVARIANCE = 5
+VERSION = 2  #: Revision of this map.
 
 
 class ErrorCode(IntEnum):
-    """Values of ERROR.CODE."""
+    """Values of ERROR.CODE; software has results of its own from 64 on."""
 
     NONE = 0
     ILLEGAL_STEP = 1
     NOT_FINITE = 2
     SINGULAR_OBSERVATION = 3
     NOT_POSITIVE_DEFINITE = 4
+
+    @property
+    def meaning(self) -> str:
+        """What it means, in a few words."""
+        return {
+            ErrorCode.NONE: "none",
+            ErrorCode.ILLEGAL_STEP: "illegal step",
+            ErrorCode.NOT_FINITE: "NaN or infinity",
+            ErrorCode.SINGULAR_OBSERVATION: "singular innovation covariance",
+            ErrorCode.NOT_POSITIVE_DEFINITE: "covariance not positive definite",
+        }[self]
 
 
 class Access(Enum):
@@ -45,7 +48,8 @@ class Access(Enum):
     RW1C = "rw1c"  #: Set by hardware; writing 1 clears it.
 
 
-@dataclass(frozen=True, kw_only=True)
+# Equal is only what is the same, which makes them quick keys.
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Field:
     """A named run of bits in a register.
 
@@ -53,6 +57,9 @@ class Field:
     ----------
     name, lsb, width, access, reset, doc
         Name, position, width, what software may do, value after reset, meaning.
+    of
+        Function that gives the value after reset for a core of some parameters, where it depends
+        on them. A field that is read only then is part of what identifies a core.
 
     Raises
     ------
@@ -66,6 +73,7 @@ class Field:
     access: Access
     reset: int = 0
     doc: str
+    of: Callable[[UkfParams], int] | None = None
 
     def __post_init__(self) -> None:
         if self.lsb < 0 or self.width < 1 or self.lsb + self.width > DATA_WIDTH:
@@ -78,6 +86,15 @@ class Field:
         """Mask of the field in the word."""
         return ((1 << self.width) - 1) << self.lsb
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it always reads as its value after reset."""
+        return self.access is Access.RO and (self.of is not None or self.reset != 0)
+
+    def value_after_reset(self, params: UkfParams) -> int:
+        """Value after reset, for a core of these parameters."""
+        return self.reset if self.of is None else self.of(params)
+
     def get(self, word: int) -> int:
         """Extract the field from a register word."""
         return (word & self.mask) >> self.lsb
@@ -87,7 +104,7 @@ class Field:
         return (value << self.lsb) & self.mask
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Register:
     """A word on the bus, made of fields that do not overlap.
 
@@ -117,19 +134,40 @@ class Register:
     def __getitem__(self, name: str) -> Field:
         return next(field for field in self.fields if field.name == name)
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether all of its fields always read as after reset."""
+        return all(field.is_fixed for field in self.fields)
+
+    @property
+    def is_writable(self) -> bool:
+        """Whether a write to it can have an effect."""
+        return any(field.access is not Access.RO for field in self.fields)
+
+    def after_reset(self, params: UkfParams) -> int:
+        """Word after reset, for a core of these parameters."""
+        return sum(field.put(field.value_after_reset(params)) for field in self.fields)
+
 
 def _steps(lsb: int, access: Access, doc: str) -> tuple[Field, ...]:
     """One bit per step."""
     return tuple(
         Field(name=step.name, lsb=lsb + step - 1, access=access, doc=doc.format(step.name))
-        for step in Step
-        if step is not Step.IDLE
+        for step in STEPS
     )
 
 
-def _word(name: str, offset: int, access: Access, doc: str, reset: int = 0) -> Register:
+def _word(
+    name: str,
+    offset: int,
+    access: Access,
+    doc: str,
+    *,
+    reset: int = 0,
+    of: Callable[[UkfParams], int] | None = None,
+) -> Register:
     """A register that is one number."""
-    field = Field(name="VALUE", lsb=0, width=32, access=access, reset=reset, doc=doc)
+    field = Field(name="VALUE", lsb=0, width=32, access=access, reset=reset, of=of, doc=doc)
     return Register(name=name, offset=offset, doc=doc, fields=(field,))
 
 
@@ -144,22 +182,33 @@ ID = Register(
 SIZES = Register(
     name="SIZES", offset=0x04, doc="Sizes that the core was generated for.",
     fields=(
-        Field(name="N", lsb=0, width=8, access=Access.RO, doc="States, n."),
-        Field(name="Q", lsb=8, width=8, access=Access.RO, doc="Process noise terms, q."),
-        Field(name="R", lsb=16, width=8, access=Access.RO, doc="Observation noise terms, r."),
-        Field(name="M", lsb=24, width=8, access=Access.RO, doc="Observations, m."),
+        Field(name="N", lsb=0, width=8, access=Access.RO, of=lambda p: p.n, doc="States, n."),
+        Field(name="Q", lsb=8, width=8, access=Access.RO, of=lambda p: p.q,
+              doc="Process noise terms, q."),
+        Field(name="R", lsb=16, width=8, access=Access.RO, of=lambda p: p.r,
+              doc="Observation noise terms, r."),
+        Field(name="M", lsb=24, width=8, access=Access.RO, of=lambda p: p.m,
+              doc="Observations, m."),
     ),
 )  # fmt: skip
 CONFIG = Register(
     name="CONFIG", offset=0x08, doc="How the core was generated.",
     fields=(
-        Field(name="PES", lsb=0, width=8, access=Access.RO, doc="Processing elements."),
-        Field(name="EXPONENT_BITS", lsb=8, width=4, access=Access.RO, doc="Number format."),
-        Field(name="FRACTION_BITS", lsb=12, width=6, access=Access.RO, doc="Number format."),
+        Field(name="PES", lsb=0, width=8, access=Access.RO, of=lambda p: p.pes,
+              doc="Processing elements."),
+        Field(name="EXPONENT_BITS", lsb=8, width=4, access=Access.RO,
+              of=lambda p: p.format.exponent_bits, doc="Number format."),
+        Field(name="FRACTION_BITS", lsb=12, width=6, access=Access.RO,
+              of=lambda p: p.format.fraction_bits, doc="Number format."),
         Field(name="COVARIANCE_FORM", lsb=18, access=Access.RO,
+              of=lambda p: int(p.form is Form.COVARIANCE),
               doc="0: square-root form, 1: covariance form."),
-        Field(name="ADDITIVE_Q", lsb=19, access=Access.RO, doc="Process noise is additive."),
-        Field(name="ADDITIVE_R", lsb=20, access=Access.RO, doc="Observation noise is additive."),
+        Field(name="ADDITIVE_Q", lsb=19, access=Access.RO,
+              of=lambda p: int(p.process_noise is Noise.ADDITIVE),
+              doc="Process noise is additive."),
+        Field(name="ADDITIVE_R", lsb=20, access=Access.RO,
+              of=lambda p: int(p.observation_noise is Noise.ADDITIVE),
+              doc="Observation noise is additive."),
     ),
 )  # fmt: skip
 CONTROL = Register(
@@ -176,15 +225,15 @@ CONTROL = Register(
 STATUS = Register(
     name="STATUS", offset=0x10, doc="Status.",
     fields=(
-        Field(name="STATE", lsb=0, width=3, access=Access.RO,
+        Field(name="STATE", lsb=0, width=4, access=Access.RO,
               doc="Step that is running, 0 when idle."),
-        Field(name="INITIALISED", lsb=3, access=Access.RO, doc="INIT has succeeded."),
-        Field(name="POINTS", lsb=4, access=Access.RO,
+        Field(name="INITIALISED", lsb=4, access=Access.RO, doc="INIT has succeeded."),
+        Field(name="POINTS", lsb=5, access=Access.RO,
               doc="X holds sigma points of the estimate: PREDICT may start."),
-        Field(name="RESIDUALS", lsb=5, access=Access.RO,
+        Field(name="RESIDUALS", lsb=6, access=Access.RO,
               doc="PREDICT was the last step that changed the estimate: UPDATE uses its "
                   "residuals."),
-        Field(name="GATED", lsb=6, access=Access.RO,
+        Field(name="GATED", lsb=7, access=Access.RO,
               doc="The last UPDATE was rejected: its NIS exceeded the gate."),
         *_steps(8, Access.RO, "{} has ended, well or not, and has not been started since."),
     ),
@@ -193,8 +242,7 @@ ERROR = Register(
     name="ERROR", offset=0x14, doc="Last error; cleared when a step starts, and by RESET.",
     fields=(
         Field(name="CODE", lsb=0, width=8, access=Access.RO,
-              doc="0 none, 1 illegal step, 2 NaN or infinity, 3 singular innovation covariance, "
-                  "4 covariance not positive definite."),
+              doc=", ".join(f"{code.value} {code.meaning}" for code in ErrorCode) + "."),
         Field(name="INDEX", lsb=8, width=8, access=Access.RO,
               doc="Row of the bad pivot: of z for code 3, of x for code 4."),
     ),
@@ -229,13 +277,19 @@ NIS_HIGH = _word("NIS_HIGH", 0x2C, Access.RO, "Its upper half, for formats of 64
 GATE_LOW = _word(
     "GATE_LOW", 0x30, Access.RW,
     "UPDATE is rejected when NIS exceeds this number; infinity, the reset value, is off.",
+    of=lambda p: p.format.infinity & 0xFFFF_FFFF,
 )  # fmt: skip
-GATE_HIGH = _word("GATE_HIGH", 0x34, Access.RW, "Its upper half, for formats of 64 bits.")
+GATE_HIGH = _word(
+    "GATE_HIGH", 0x34, Access.RW, "Its upper half, for formats of 64 bits.",
+    of=lambda p: p.format.infinity >> 32,
+)  # fmt: skip
 
 REGISTERS = (
     ID, SIZES, CONFIG, CONTROL, STATUS, ERROR, INTERRUPT_ENABLE, INTERRUPT_PENDING, CYCLES, MASK,
     NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH,
 )  # fmt: skip
+#: Registers that say which core this is; they never change.
+IDENTITY = tuple(register for register in REGISTERS if register.is_fixed)
 
 
 def markdown() -> str:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.costs import Cycles, cost
 from ukf_tools.baseline.counting import SECTIONS, count
 from ukf_tools.baseline.program import ARM, VARIANTS, build

@@ -3,8 +3,8 @@
 from typing import Any
 
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.engine.programs import Program
 from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["describe_params", "latency"]
 

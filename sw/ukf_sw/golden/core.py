@@ -4,7 +4,7 @@ Every word that the bus can read, and every word of the memories, equals the har
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,48 +12,63 @@ from numpy.typing import NDArray
 from ukf_sw.drivers.bus import Addresses, WordCodec, Words
 from ukf_sw.engine.interpreter import Interpreter, RunResult
 from ukf_sw.engine.layout import Layout
-from ukf_sw.engine.programs import Program
-from ukf_sw.errors import BusError
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import (
-    CONFIG,
     CONTROL,
     CYCLES,
     ERROR,
     GATE_HIGH,
     GATE_LOW,
-    ID,
     INTERRUPT_ENABLE,
     INTERRUPT_PENDING,
     MASK,
     NIS_HIGH,
     NIS_LOW,
     REGISTERS,
-    SIZES,
     STATUS,
+    Access,
     ErrorCode,
     Register,
+)
+from ukf_sw.spec.sequence import (
+    ENDINGS,
+    NO_BANK,
+    NO_FLAG,
+    STEPS,
+    Bank,
+    Ending,
+    Flag,
+    Program,
     Step,
+    find_way,
 )
 
-__all__ = ["Engine", "GoldenBus", "GoldenCore"]
+__all__ = ["Engine", "GoldenCore"]
 
 ALL_BYTES = 0b1111
 WORD_MASK = 0xFFFF_FFFF
 
 _BY_OFFSET = {register.offset: register for register in REGISTERS}
-_STEPS = tuple(step for step in Step if step is not Step.IDLE)
 _OTHER, _STATE, _FACTOR = 1, 2, 3
-_STATE_LSB, _INITIALISED_LSB, _POINTS_LSB, _RESIDUALS_LSB, _GATED_LSB, _DONE_LSB = (
-    STATUS[name].lsb
-    for name in ("STATE", "INITIALISED", "POINTS", "RESIDUALS", "GATED", Step(1).name)
+_STATE_LSB, _GATED_LSB, _DONE_LSB = (STATUS[name].lsb for name in ("STATE", "GATED", STEPS[0].name))
+_FLAGS = tuple(
+    (flag, STATUS[flag.name].mask) for flag in Flag if flag.name and flag is not Flag.PREDICTED
 )
 _INDEX_LSB = ERROR["INDEX"].lsb
 _EVENT = {field.name: field.mask for field in INTERRUPT_PENDING}
 _ENABLE = CONTROL["ENABLE"].mask
 _RESET = CONTROL["RESET"].mask
-_START = {step: CONTROL[step.name].mask for step in _STEPS}
+_START = {step: CONTROL[step.name].mask for step in STEPS}
+
+
+def _mask_of(register: Register, *kinds: Access) -> int:
+    """Bits of the fields of some kinds."""
+    return sum(field.mask for field in register if field.access in kinds)
+
+
+#: Bits of each register that a write stores.
+_STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
 
 
 class Engine(Protocol):
@@ -117,11 +132,10 @@ class GoldenCore:
     ----------
     hold
         Whether steps wait for :meth:`finish`.
-    initialised, points, predicted, residuals : bool
-        What the memories hold: results of INIT; sigma points of the estimate; the covariance as
-        residuals of a PREDICT rather than as factor; residuals that UPDATE can use.
-    state_bank, factor_bank : int
-        Which copies of x and of its factor are the current ones.
+    flags : Flag
+        What the memories hold.
+    banks : Bank
+        Banks whose second copy is the current one.
     """
 
     def __init__(
@@ -137,16 +151,13 @@ class GoldenCore:
         self._map = MemoryMap(params)
         self._codec = WordCodec(params.format)
         self._register_space = self._map.region_stride
-        self._registers = self._make_registers()
+        self._words = {register: register.after_reset(params) for register in REGISTERS}
         self._tabulate()
 
-        self._enable = bool(CONTROL["ENABLE"].reset)
-        self._mask = self._step_mask = MASK["VALUE"].reset
-        self._gate = params.format.infinity
+        self._step_mask = 0
         self._nis = 0
-        self._interrupt_enable = 0
         self._interrupt_pending = 0
-        self.state_bank = self.factor_bank = 0
+        self.banks = NO_BANK
         self._clear()
 
     def _tabulate(self) -> None:
@@ -167,40 +178,6 @@ class GoldenCore:
                         self._lane[word] = lane
                         self._address[word] = address
 
-    def _make_registers(self) -> dict[int, Callable[[], int]]:
-        """Make functions that read the registers, by offset."""
-        p = self.params
-        sizes = {"N": p.n, "Q": p.q, "R": p.r, "M": p.m}
-        config = {
-            "PES": p.pes,
-            "EXPONENT_BITS": p.format.exponent_bits,
-            "FRACTION_BITS": p.format.fraction_bits,
-            "COVARIANCE_FORM": int(p.form is Form.COVARIANCE),
-            "ADDITIVE_Q": int(p.process_noise is Noise.ADDITIVE),
-            "ADDITIVE_R": int(p.observation_noise is Noise.ADDITIVE),
-        }
-        fixed = {
-            ID: sum(field.put(field.reset) for field in ID),
-            SIZES: sum(SIZES[name].put(value) for name, value in sizes.items()),
-            CONFIG: sum(CONFIG[name].put(value) for name, value in config.items()),
-        }
-        return {
-            ID.offset: lambda: fixed[ID],
-            SIZES.offset: lambda: fixed[SIZES],
-            CONFIG.offset: lambda: fixed[CONFIG],
-            CONTROL.offset: lambda: _ENABLE * self._enable,
-            STATUS.offset: self._status,
-            ERROR.offset: lambda: self._error_code | self._error_index << _INDEX_LSB,
-            INTERRUPT_ENABLE.offset: lambda: self._interrupt_enable,
-            INTERRUPT_PENDING.offset: lambda: self._interrupt_pending,
-            CYCLES.offset: lambda: self._cycles & WORD_MASK,
-            MASK.offset: lambda: self._mask,
-            NIS_LOW.offset: lambda: self._nis & WORD_MASK,
-            NIS_HIGH.offset: lambda: self._nis >> 32,
-            GATE_LOW.offset: lambda: self._gate & WORD_MASK,
-            GATE_HIGH.offset: lambda: self._gate >> 32,
-        }
-
     def _clear(self) -> None:
         """Do what RESET does, a running step apart."""
         self._step = Step.IDLE
@@ -210,9 +187,19 @@ class GoldenCore:
         self._error_index = 0
         self._gated = False
         self._cycles = 0
-        self.initialised = self.points = self.predicted = self.residuals = False
+        self.flags = NO_FLAG
 
-    # The state that tests look at.
+    # What can be seen from outside.
+
+    @property
+    def state_bank(self) -> int:
+        """Which copy of x is the current one."""
+        return int(Bank.STATE in self.banks)
+
+    @property
+    def factor_bank(self) -> int:
+        """Which copy of the factor of its covariance is the current one."""
+        return int(Bank.FACTOR in self.banks)
 
     @property
     def busy(self) -> bool:
@@ -222,7 +209,7 @@ class GoldenCore:
     @property
     def irq(self) -> bool:
         """Interrupt line: high while an enabled event is pending."""
-        return bool(self._interrupt_pending & self._interrupt_enable)
+        return bool(self._interrupt_pending & self._words[INTERRUPT_ENABLE])
 
     @property
     def words(self) -> NDArray[np.uint64]:
@@ -256,8 +243,8 @@ class GoldenCore:
         """
         address &= ~0b11
         if 0 <= address < self._register_space:
-            register = self._registers.get(address)
-            return (0, False) if register is None else (register(), True)
+            register = _BY_OFFSET.get(address)
+            return (0, False) if register is None else (self._read_register(register), True)
         if self.busy or not self._is_mapped(address):
             return 0, False
         data = self.engine.read(*self._place(address))
@@ -384,89 +371,106 @@ class GoldenCore:
 
     def _note_write(self, kind: int) -> None:
         """Follow a write to the buffer: what the memories hold has changed."""
-        if kind in (_STATE, _FACTOR):
-            self.points = self.residuals = False
-        if kind == _FACTOR:
-            self.predicted = False
+        symbol = {_STATE: "x", _FACTOR: "L"}.get(kind)
+        if symbol is not None:
+            self.flags &= ~self._map[symbol].forgets
 
-    def _status(self) -> int:
-        return (
-            self._step << _STATE_LSB
-            | self.initialised << _INITIALISED_LSB
-            | self.points << _POINTS_LSB
-            | self.residuals << _RESIDUALS_LSB
-            | self._gated << _GATED_LSB
-            | self._done << _DONE_LSB
-        )
+    # Registers.
+
+    def _read_register(self, register: Register) -> int:
+        show = self._shows.get(register)
+        return self._words[register] if show is None else show(self)
 
     def _write_register(self, register: Register, data: int, bits: int) -> None:
-        def merge(old: int) -> int:
-            return data & bits | old & ~bits
+        """Write the bits that are strobed: what is stored, then what acts."""
+        stored = _STORED[register] & bits
+        self._words[register] = self._words[register] & ~stored | data & stored
+        act = self._acts.get(register)
+        if act is not None:
+            act(self, data & bits)
 
-        if register is CONTROL:
-            self._write_control(data & bits, merge(_ENABLE * self._enable))
-        elif register is INTERRUPT_ENABLE:
-            self._interrupt_enable = merge(self._interrupt_enable) & 0b11
-        elif register is INTERRUPT_PENDING:
-            self._interrupt_pending &= ~(data & bits)
-        elif register is MASK:
-            self._mask = merge(self._mask)
-        elif register is GATE_LOW:
-            self._gate = self._gate & ~WORD_MASK | merge(self._gate & WORD_MASK)
-        elif register is GATE_HIGH:
-            self._gate = self._gate & WORD_MASK | merge(self._gate >> 32) << 32
+    def _show_status(self) -> int:
+        word = self._step << _STATE_LSB | self._gated << _GATED_LSB | self._done << _DONE_LSB
+        for flag, mask in _FLAGS:
+            word |= mask if flag in self.flags else 0
+        return word
+
+    def _show_error(self) -> int:
+        return self._error_code | self._error_index << _INDEX_LSB
+
+    def _show_pending(self) -> int:
+        return self._interrupt_pending
+
+    def _show_cycles(self) -> int:
+        return self._cycles & WORD_MASK
+
+    def _show_nis_low(self) -> int:
+        return self._nis & WORD_MASK
+
+    def _show_nis_high(self) -> int:
+        return self._nis >> 32
+
+    def _clear_pending(self, events: int) -> None:
+        self._interrupt_pending &= ~events
 
     # Steps.
 
-    def _write_control(self, actions: int, enable: int) -> None:
-        self._enable = bool(enable & _ENABLE)
+    def _act(self, actions: int) -> None:
+        """CONTROL was written."""
         if actions & _RESET:
             self._reset()
             return
-        starts = [step for step in _STEPS if actions & _START[step]]
+        starts = [step for step in STEPS if actions & _START[step]]
         if not starts:
             return
-        if len(starts) == 1 and self._enable and not self.busy and self._allows(starts[0]):
-            self._start(starts[0])
+        way = find_way(starts[0], self.flags)
+        enabled = self._words[CONTROL] & _ENABLE
+        if len(starts) == 1 and enabled and not self.busy and way is not None:
+            self._start(starts[0], way.program)
         else:
             self._error_code, self._error_index = int(ErrorCode.ILLEGAL_STEP), 0
             self._signal("ERROR")
 
-    def _allows(self, step: Step) -> bool:
-        """Whether the sequence of steps allows one now."""
-        match step:
-            case Step.SIG_GEN | Step.COVARIANCE:
-                return self.initialised
-            case Step.PREDICT:
-                return self.points
-            case Step.UPDATE:
-                return self.residuals or self.points
-            case _:
-                return True
-
-    def _start(self, step: Step) -> None:
+    def _start(self, step: Step, program: Program | None) -> None:
+        """Start a step; without a program it ends at once."""
         self._error_code = self._error_index = 0
         self._done &= ~self._done_bit(step)
         self._cycles = 0
         if step is Step.UPDATE:
             self._gated = False
-        if step is Step.SIG_GEN and self.points:
+        if program is None:
             self._done |= self._done_bit(step)
             self._signal("DONE")
             return
-        self._step = step
-        self._step_mask = self._mask & (1 << self.params.m) - 1
-        self._program = {
-            Step.INIT: Program.INIT,
-            Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
-            Step.PREDICT: Program.PREDICT,
-            Step.UPDATE: Program.UPDATE if self.residuals else Program.UPDATE_REDRAWN,
-            Step.COVARIANCE: (
-                Program.COVARIANCE_PREDICTED if self.predicted else Program.COVARIANCE
-            ),
-        }[step]
+        self._step, self._program = step, program
+        self._step_mask = self._words[MASK] & (1 << self.params.m) - 1
         if not self.hold:
             self.finish()
+
+    #: What registers show that are neither constant nor stored, and what writes to them do.
+    _shows: ClassVar[dict[Register, Callable[["GoldenCore"], int]]] = {
+        STATUS: _show_status, ERROR: _show_error, INTERRUPT_PENDING: _show_pending,
+        CYCLES: _show_cycles, NIS_LOW: _show_nis_low, NIS_HIGH: _show_nis_high,
+    }  # fmt: skip
+    _acts: ClassVar[dict[Register, Callable[["GoldenCore", int], None]]] = {
+        CONTROL: _act, INTERRUPT_PENDING: _clear_pending,
+    }  # fmt: skip
+
+    @classmethod
+    def check_description(cls) -> None:
+        """Check that the model knows every register of the description, and what writes do.
+
+        Raises
+        ------
+        RuntimeError
+            If it does not.
+        """
+        for register in REGISTERS:
+            if (register in cls._shows) == bool(register.is_fixed or _STORED[register]):
+                raise RuntimeError(f"GoldenCore must show {register.name} in one way")
+            acts = bool(_mask_of(register, Access.W1S, Access.RW1C))
+            if acts != (register in cls._acts):
+                raise RuntimeError(f"GoldenCore must act on a write to {register.name}, or not")
 
     @staticmethod
     def _done_bit(step: Step) -> int:
@@ -516,39 +520,20 @@ class GoldenCore:
         if result.error_code:
             self._error_code, self._error_index = result.error_code, result.error_index
             self._signal("ERROR")
-        self._apply(program, result)
+        self._end(ENDINGS[program], result)
 
-    def _apply(self, program: Program, result: RunResult) -> None:
-        """Commit a step, or not."""
-        success = not result.error_code
-        match program:
-            case Program.INIT:
-                self.initialised = success
-                self.points = self.predicted = self.residuals = False
-            case Program.SIG_GEN | Program.SIG_GEN_PREDICTED:
-                if success:
-                    self.points = True
-                    self.predicted = self.residuals = False
-                    self.factor_bank ^= program is Program.SIG_GEN_PREDICTED
-            case Program.PREDICT:
-                self.points = False
-                self.predicted = self.residuals = success
-                self.state_bank ^= success
-            case Program.UPDATE | Program.UPDATE_REDRAWN:
-                if success:
-                    assert result.nis is not None
-                    magnitude = (1 << (self.params.format.width - 1)) - 1
-                    self._nis = result.nis
-                    self._gated = (self._nis & magnitude) > (self._gate & magnitude)
-                if success and not self._gated:
-                    self.points = True
-                    self.predicted = self.residuals = False
-                    self.state_bank ^= 1
-                    self.factor_bank ^= 1
-                elif program is Program.UPDATE_REDRAWN:
-                    self.points = self.predicted = self.residuals = False
-            case _:
-                pass
+    def _end(self, ending: Ending, result: RunResult) -> None:
+        """Commit what a program has done, or not."""
+        rejected = bool(result.error_code)
+        if ending.gives_nis and not rejected:
+            assert result.nis is not None
+            self._nis = result.nis
+            magnitude = (1 << (self.params.format.width - 1)) - 1
+            gate = self._words[GATE_LOW] | self._words[GATE_HIGH] << 32
+            self._gated = rejected = (self._nis & magnitude) > (gate & magnitude)
+        change = ending.failure if rejected else ending.success
+        self.flags = self.flags & ~change.clears | change.sets
+        self.banks ^= change.turns
 
     def _reset(self) -> None:
         """RESET was written."""
@@ -557,67 +542,4 @@ class GoldenCore:
         self._clear()
 
 
-class GoldenBus:
-    """A :class:`GoldenCore` as a bus for the driver.
-
-    Parameters
-    ----------
-    core
-        The core.
-    """
-
-    def __init__(self, core: GoldenCore) -> None:
-        self.core = core
-
-    def read(self, address: int) -> int:
-        """Read a word.
-
-        Raises
-        ------
-        BusError
-            If the core answers SLVERR.
-        """
-        data, okay = self.core.read(address)
-        if not okay:
-            raise BusError(address, "read")
-        return data
-
-    def write(self, address: int, word: int) -> None:
-        """Write a word.
-
-        Raises
-        ------
-        BusError
-            If the core answers SLVERR.
-        """
-        if not self.core.write(address, word):
-            raise BusError(address, "write")
-
-    def read_many(self, addresses: Addresses) -> Words:
-        """Read words, shape (k,), at addresses, shape (k,).
-
-        Raises
-        ------
-        BusError
-            If the core answers SLVERR.
-        """
-        words = self.core.read_many(addresses)
-        if words is None:
-            return np.array([self.read(address) for address in addresses.tolist()], np.uint32)
-        return words
-
-    def write_many(self, addresses: Addresses, words: Words) -> None:
-        """Write words, shape (k,), at addresses, shape (k,).
-
-        Raises
-        ------
-        BusError
-            If the core answers SLVERR; the words before are written.
-        """
-        written = self.core.write_many(addresses, words)
-        if written < len(addresses):
-            raise BusError(int(addresses[written]), "write")
-
-    def wait_for_interrupt(self, timeout: float) -> bool:
-        """Tell whether the interrupt line is high; time does not pass in the model."""
-        return self.core.irq
+GoldenCore.check_description()

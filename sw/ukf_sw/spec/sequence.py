@@ -1,0 +1,187 @@
+"""Which step is legal when, which program it runs, and what it leaves: the one description.
+
+The control unit and the golden model execute these tables, co-simulation predicts with them how
+long a step takes, and the page of registers shows them.
+
+The memories of a core hold more than the estimate: sigma points that belong to it, or residuals of
+a prediction. Flags say what is there; all but PREDICTED can be read in STATUS. A step takes the
+first of its ways whose flag is set, and is illegal if there is none.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+__all__ = [
+    "ENDINGS", "NO_BANK", "NO_FLAG", "STEPS", "WAYS", "Bank", "Change", "Ending", "Flag", "Program",
+    "Step", "Way", "find_way",
+]  # fmt: skip
+
+
+class Step(IntEnum):
+    """Steps that the processor starts, and values of STATUS.STATE."""
+
+    IDLE = 0
+    INIT = 1
+    SIG_GEN = 2
+    PREDICT = 3
+    UPDATE = 4
+    COVARIANCE = 5
+
+
+#: Steps that can be started, in the order of their bits in CONTROL and STATUS.
+STEPS = tuple(step for step in Step if step is not Step.IDLE)
+
+
+class Program(IntEnum):
+    """Programs of the engine; the value is what the control unit passes to it."""
+
+    INIT = 0  #: Check x and L, compute the noise rows W and V.
+    SIG_GEN = 1  #: X from x and L.
+    SIG_GEN_PREDICTED = 2  #: L from the predicted residuals, then X.
+    PREDICT = 3  #: x and the weighted residuals from the transformed X.
+    UPDATE_REDRAWN = 4  #: Residuals from sigma points that were just drawn; UPDATE follows on.
+    UPDATE = 5  #: x, L and the next X from Z and z.
+    COVARIANCE = 6  #: P from L.
+    COVARIANCE_PREDICTED = 7  #: P from the predicted residuals.
+
+
+class Flag(IntFlag):
+    """What the memories hold."""
+
+    INITIALISED = 1  #: The results of INIT.
+    POINTS = 2  #: Sigma points of the estimate, in X.
+    PREDICTED = 4  #: The covariance as residuals of a PREDICT, not as factor L.
+    RESIDUALS = 8  #: Residuals of a PREDICT that an UPDATE can use.
+
+
+class Bank(IntFlag):
+    """What has two copies: a step writes the one that is not current, and ends by turning."""
+
+    STATE = 1  #: x.
+    FACTOR = 2  #: L.
+
+
+NO_FLAG = Flag(0)
+NO_BANK = Bank(0)
+_ALL_POINTS = Flag.POINTS | Flag.PREDICTED | Flag.RESIDUALS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """A way in which a step can be done.
+
+    Parameters
+    ----------
+    needs
+        Flag that must be set; NO_FLAG is always legal.
+    program
+        Program that it runs; None if there is nothing to do, so that the step ends at once.
+    """
+
+    needs: Flag = NO_FLAG
+    program: Program | None
+
+
+#: Ways of each step, the first whose flag is set being taken.
+WAYS: dict[Step, tuple[Way, ...]] = {
+    Step.INIT: (Way(program=Program.INIT),),
+    Step.SIG_GEN: (
+        Way(needs=Flag.POINTS, program=None),
+        Way(needs=Flag.PREDICTED, program=Program.SIG_GEN_PREDICTED),
+        Way(needs=Flag.INITIALISED, program=Program.SIG_GEN),
+    ),
+    Step.PREDICT: (Way(needs=Flag.POINTS, program=Program.PREDICT),),
+    Step.UPDATE: (
+        Way(needs=Flag.RESIDUALS, program=Program.UPDATE),
+        Way(needs=Flag.POINTS, program=Program.UPDATE_REDRAWN),
+    ),
+    Step.COVARIANCE: (
+        Way(needs=Flag.PREDICTED, program=Program.COVARIANCE_PREDICTED),
+        Way(needs=Flag.INITIALISED, program=Program.COVARIANCE),
+    ),
+}
+
+
+def find_way(step: Step, flags: Flag) -> Way | None:
+    """Give the way that a step takes; None if it is illegal.
+
+    Parameters
+    ----------
+    step
+        The step.
+    flags
+        What the memories hold.
+    """
+    for way in WAYS[step]:
+        if way.needs & flags == way.needs:
+            return way
+    return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What an end does to flags and banks.
+
+    Parameters
+    ----------
+    sets, clears
+        Flags; one that is in neither stays.
+    turns
+        Banks whose other copy becomes the current one.
+    """
+
+    sets: Flag = NO_FLAG
+    clears: Flag = NO_FLAG
+    turns: Bank = NO_BANK
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ending:
+    """What a program leaves.
+
+    Parameters
+    ----------
+    success
+        If it succeeds.
+    failure
+        If it ends with an error, or its update is rejected by the gate.
+    gives_nis
+        Whether its success gives a NIS, which is compared with the gate.
+    """
+
+    success: Change = Change()
+    failure: Change = Change()
+    gives_nis: bool = False
+
+
+_DRAWN = Change(sets=Flag.POINTS, clears=Flag.PREDICTED | Flag.RESIDUALS)
+_UPDATED = Change(sets=_DRAWN.sets, clears=_DRAWN.clears, turns=Bank.STATE | Bank.FACTOR)
+
+#: What every program leaves.
+ENDINGS: dict[Program, Ending] = {
+    Program.INIT: Ending(
+        success=Change(sets=Flag.INITIALISED, clears=_ALL_POINTS),
+        failure=Change(clears=Flag.INITIALISED | _ALL_POINTS),
+    ),
+    Program.SIG_GEN: Ending(success=_DRAWN),
+    Program.SIG_GEN_PREDICTED: Ending(
+        success=Change(sets=_DRAWN.sets, clears=_DRAWN.clears, turns=Bank.FACTOR)
+    ),
+    Program.PREDICT: Ending(
+        success=Change(
+            sets=Flag.PREDICTED | Flag.RESIDUALS, clears=Flag.POINTS, turns=Bank.STATE
+        ),
+        failure=Change(clears=_ALL_POINTS),
+    ),
+    # The residuals of the prediction stay as they are, so a rejected update can be tried again.
+    Program.UPDATE: Ending(success=_UPDATED, gives_nis=True),
+    # It has overwritten the sigma points and what stood in the place of residuals.
+    Program.UPDATE_REDRAWN: Ending(
+        success=_UPDATED, failure=Change(clears=_ALL_POINTS), gives_nis=True
+    ),
+    Program.COVARIANCE: Ending(),
+    Program.COVARIANCE_PREDICTED: Ending(),
+}  # fmt: skip
+
+if set(WAYS) != set(STEPS) or set(ENDINGS) != set(Program):
+    raise RuntimeError("Every step must have its ways, and every program its ending")
