@@ -184,13 +184,30 @@ MUTANTS = [
     ),
     Mutant(
         "control: steps start out of sequence", "hdl/ukf_hdl/core/control.py",
-        "(Step.PREDICT, points, Program.PREDICT)", "(Step.PREDICT, initialised, Program.PREDICT)",
+        "with m.If(flags & choice.needs if choice.needs else Const(1)):", "with m.If(Const(1)):",
         CONTROL,
     ),
     Mutant(
+        "sequence: a rejected update with points drawn anew can be repeated",
+        "sw/ukf_sw/spec/sequence.py",
+        "success=_UPDATED, failure=Change(clears=_ALL_POINTS), gives_nis=True",
+        "success=_UPDATED, gives_nis=True",
+        f"{CONTROL} -k agrees",
+    ),
+    Mutant(
+        "sequence: a write to L keeps the residuals of a prediction",
+        "sw/ukf_sw/spec/memory_map.py",
+        '"L": Flag.POINTS | Flag.RESIDUALS | Flag.PREDICTED', '"L": Flag.POINTS',
+        "tests/sw/test_golden_core.py",
+    ),
+    Mutant(
+        "golden model: results of a failed step are committed", "sw/ukf_sw/golden/core.py",
+        "change = ending.failure if rejected else ending.success", "change = ending.success",
+        "tests/sw/test_golden_core.py",
+    ),
+    Mutant(
         "control: results of a failed step are committed", "hdl/ukf_hdl/core/control.py",
-        "points.eq(0)]\n                with m.If(~failed):",
-        "points.eq(0)]\n                with m.If(1):",
+        "with m.If(rejected):", "with m.If(Const(0)):",
         CONTROL,
     ),
     Mutant(
@@ -322,7 +339,7 @@ def run(mutant: Mutant) -> tuple[bool, str]:
     """Whether a test sees the mutant, and the last line that pytest printed."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder)
-        for name in ("hdl", "sw", "sim", "tests", "pyproject.toml", "README.md"):
+        for name in ("sw", "hdl", "sim", "tools", "docs", "tests", "pyproject.toml", "README.md"):
             source = ROOT / name
             if source.is_dir():
                 shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
