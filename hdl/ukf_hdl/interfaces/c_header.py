@@ -6,6 +6,10 @@ from ukf_sw.spec.registers import ID, ErrorCode, Step
 
 __all__ = ["core_header", "registers_header"]
 
+#: What C++ needs before and after declarations of C.
+_OPEN = ("#ifdef __cplusplus", 'extern "C" {', "#endif", "")
+_CLOSE = ("", "#ifdef __cplusplus", "}", "#endif")
+
 #: Names of the base addresses in ``struct ukf_core`` (sw/c/ukf_driver.h) are those of the regions.
 REGIONS = (
     "state_points", "process_noise_points", "observation_noise_points", "observation_points",
@@ -15,7 +19,7 @@ REGIONS = (
 
 
 def registers_header(record: dict[str, Any]) -> str:
-    """Render the register block as a C header, C99 and later.
+    """Render the register block as a C header, C99 and later, and C++.
 
     It is the same for all cores of one version of the map, so a driver compiled with it drives any
     of them. In C11 and later the layout of ``struct ukf_registers`` is asserted.
@@ -33,6 +37,7 @@ def registers_header(record: dict[str, Any]) -> str:
         "#include <stddef.h>",
         "#include <stdint.h>",
         "",
+        *_OPEN,
         "/* What ID must hold. */",
         *(f"#define UKF_ID_{field.name}_VALUE {field.reset:#x}u" for field in ID),
     ]
@@ -49,7 +54,7 @@ def registers_header(record: dict[str, Any]) -> str:
     lines += [f"#define UKF_STEP_{step.name} {step.value}u" for step in Step]
     lines += ["", "/* Values of ERROR.CODE. */"]
     lines += [f"#define UKF_ERROR_CODE_{code.name} {code.value}u" for code in ErrorCode]
-    lines += ["", *_structure(record), "", "#endif", ""]
+    lines += ["", *_structure(record), *_CLOSE, "", "#endif", ""]
     return "\n".join(lines)
 
 
@@ -79,7 +84,7 @@ def _structure(record: dict[str, Any]) -> list[str]:
 
 
 def core_header(record: dict[str, Any]) -> str:
-    """Render sizes and addresses of a core as a C header, C99 and later.
+    """Render sizes and addresses of a core as a C header, C99 and later, and C++.
 
     Parameters
     ----------
@@ -101,6 +106,7 @@ def core_header(record: dict[str, Any]) -> str:
         "",
         '#include "ukf_registers.h"',
         "",
+        *_OPEN,
         "/* Sizes. */",
         *(f"#define UKF_{name.upper()} {parameters[name]}u" for name in "nmqr"),
         f"#define UKF_POINTS {points}u",
@@ -141,10 +147,12 @@ def core_header(record: dict[str, Any]) -> str:
     ]
     lines += [
         "",
-        "/* The same as an initialiser of `struct ukf_core` (ukf_driver.h). */",
+        "/* The same as an initialiser of `struct ukf_core` (ukf_driver.h), in the order of its",
+        " * members: C++ before C++20 cannot name them. */",
         "#define UKF_CORE_INITIALISER { \\",
-        *(f"    .{name} = {value}, \\" for name, value in members),
+        *(f"    {value}, /* {name} */ \\" for name, value in members),
         "}",
+        *_CLOSE,
         "",
         "#endif",
         "",
