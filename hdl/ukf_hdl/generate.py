@@ -12,7 +12,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.interfaces.c_header import core_header, registers_header
+from ukf_hdl.interfaces.c_driver import c_driver
 from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
@@ -26,7 +26,6 @@ __all__ = [
     "INTERRUPT",
     "NAME",
     "Toplevel",
-    "c_header",
     "description",
     "generate",
     "interface_files",
@@ -206,21 +205,10 @@ def _describe_registers(core):
     return registers
 
 
-def c_header(core: UkfCore) -> str:
-    """Render sizes and addresses of a core as a C header; see :mod:`ukf_hdl.interfaces`.
-
-    Parameters
-    ----------
-    core
-        The core.
-    """
-    return core_header(description(core))
-
-
 def interface_files(
     core: UkfCore, *, base_address: int = BASE_ADDRESS, interrupt: int = INTERRUPT
 ) -> dict[str, str]:
-    """Render everything that software needs to know about a core.
+    """Render everything that software needs about a core.
 
     Parameters
     ----------
@@ -232,7 +220,7 @@ def interface_files(
     Returns
     -------
     dict
-        Contents by name of the file.
+        Contents by name of the file; the C driver is in the folder ``c``.
 
     Raises
     ------
@@ -243,11 +231,10 @@ def interface_files(
     place = {"base_address": base_address, "interrupt": interrupt}
     return {
         f"{NAME}.json": json.dumps(record, indent=2) + "\n",
-        f"{NAME}.h": core_header(record),
-        "ukf_registers.h": registers_header(record),
         f"{NAME}.svd": svd(record, **place),
         f"{NAME}.dtso": device_tree(record, **place),
         f"{NAME}.md": register_page(record),
+        **{f"c/{name}": text for name, text in c_driver(record).items()},
     }
 
 
@@ -292,8 +279,8 @@ def generate(
     Returns
     -------
     list of Path
-        The files written: Verilog, description, C headers, CMSIS-SVD, device tree overlay,
-        documentation of the registers.
+        The files written: Verilog, description, CMSIS-SVD, device tree overlay, documentation of
+        the registers, C driver.
 
     Raises
     ------
@@ -305,7 +292,7 @@ def generate(
     with _builtin_yosys():
         text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
     files = {f"{NAME}.v": text, **interfaces}
-    output.mkdir(parents=True, exist_ok=True)
     for file, content in files.items():
+        (output / file).parent.mkdir(parents=True, exist_ok=True)
         (output / file).write_text(content, encoding="utf-8")
     return [output / file for file in files]

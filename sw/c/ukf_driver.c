@@ -36,7 +36,10 @@ const char *ukf_result_name(enum ukf_result result)
         [UKF_BAD_MODEL] = "bad model",
     };
 
-    return (size_t)result < sizeof names / sizeof names[0] ? names[result] : "not a result";
+    if ((size_t)result >= sizeof names / sizeof names[0]) {
+        return "not a result";
+    }
+    return names[result] != NULL ? names[result] : "unknown error";
 }
 
 /* Accesses. */
@@ -392,7 +395,7 @@ static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *s
         driver->initialised = false;
         return UKF_STEP_LOST;
     }
-    return code <= UKF_ERROR_CODE_NOT_POSITIVE_DEFINITE ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
+    return code < UKF_FIRST_OWN_RESULT ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
 }
 
 enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)

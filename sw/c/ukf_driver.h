@@ -2,9 +2,9 @@
  * @file
  * @brief Driver of the core: registers, words and steps. ukf_filter.h has the filter above it.
  *
- * The sequence of accesses, the checks and the errors are those of the Python driver
- * (sw/ukf_sw/drivers/driver.py). Nothing is allocated and nothing is global: one driver is one struct, and
- * any number of them, for cores of different sizes, may exist.
+ * The sequence of accesses, the checks and the errors are those of the driver in Python. Nothing is
+ * allocated and nothing is global: one driver is one struct, and any number of them, for cores of
+ * different sizes, may exist.
  */
 #ifndef UKF_DRIVER_H
 #define UKF_DRIVER_H
@@ -15,10 +15,17 @@
 #include "ukf_port.h"
 #include "ukf_real.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** Largest number of states, observations and noise terms of any core. */
 #define UKF_MAX_SIZE 32u
 
-/** Sizes and addresses of a core: UKF_CORE_INITIALISER of the generated ukf_core.h. */
+/**
+ * Sizes and addresses of a core: UKF_CORE_INITIALISER of the generated ukf_core.h, which has the
+ * members in this order.
+ */
 struct ukf_core {
     uint32_t n; /**< States. */
     uint32_t q; /**< Process noise terms. */
@@ -45,14 +52,20 @@ struct ukf_core {
     uint32_t observation_noise_factor;
 };
 
-/** What came of a call. 1 to 4 are the values of ERROR.CODE. */
+/** The first result that is not a code of the core. */
+#define UKF_FIRST_OWN_RESULT 64u
+
+/**
+ * What came of a call. Below UKF_FIRST_OWN_RESULT it is what the core reports, its ERROR.CODE, also if
+ * that is none of those named here. From there on it is what the driver and the filter find.
+ */
 enum ukf_result {
     UKF_OK = 0,
     UKF_ILLEGAL_STEP = 1,          /**< A step was started out of sequence. */
     UKF_NOT_FINITE = 2,            /**< NaN, infinity or overflow; the estimate stays. */
     UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of z; it stays. */
     UKF_NOT_POSITIVE_DEFINITE = 4, /**< P is not, at fault.index, a row of x; it stays. */
-    UKF_UNKNOWN_ERROR,  /**< fault.code is none of these. */
+    UKF_UNKNOWN_ERROR = UKF_FIRST_OWN_RESULT, /**< fault.code is 64 or more, which no core has. */
     UKF_TIMEOUT,        /**< The step did not end in time; the core has been reset. */
     UKF_STEP_LOST,      /**< Something else reset the core while the step ran. */
     UKF_BUS_ERROR,      /**< The core refused the access at fault.address. */
@@ -63,7 +76,7 @@ enum ukf_result {
     UKF_BAD_MODEL       /**< A model failed or was not finite: fault.point, fault.index. */
 };
 
-/** Name of a result, for messages. */
+/** Name of a result, for messages; "unknown error" for codes of the core without one: add the number. */
 const char *ukf_result_name(enum ukf_result result);
 
 /** Details of the last call that did not return UKF_OK; what does not apply is 0. */
@@ -171,5 +184,9 @@ void ukf_driver_note_write(struct ukf_driver *driver);
 
 /** @brief The number as the core of a format holds it. */
 ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

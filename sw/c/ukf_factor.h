@@ -10,6 +10,10 @@
 
 #include "ukf_real.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /**
  * @brief Lower triangular B with A = B B^T, for positive semidefinite A.
  *
@@ -22,5 +26,9 @@
  * @return false if A is not positive semidefinite.
  */
 bool ukf_lower_factor(uint32_t size, const ukf_real *A, ukf_real *B);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -2,7 +2,7 @@
  * @file
  * @brief Unscented Kalman filter on the core: your models, and predict and update.
  *
- * The C counterpart of sw/ukf_sw/filter.py, with the same sequence and the same numbers:
+ * The counterpart of the filter in Python, with the same sequence and the same numbers:
  *
  * @code
  * static const struct ukf_core core = UKF_CORE_INITIALISER;
@@ -31,6 +31,10 @@
 #include <stdint.h>
 
 #include "ukf_driver.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 /** Numbers that a filter needs as `work`. All arguments are sizes of the core. */
 #define UKF_WORK_LENGTH(n, m, q, r, points) \
@@ -180,5 +184,9 @@ enum ukf_result ukf_save(struct ukf *ukf, ukf_real *x, ukf_real *L);
  * Q, R and the gate are in the core still, unless it lost power: then use ukf_start().
  */
 enum ukf_result ukf_restore(struct ukf *ukf, const ukf_real *x, const ukf_real *L);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -9,6 +9,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /**
  * @brief Way to one core.
  *
@@ -29,5 +33,9 @@ struct ukf_port {
     /** Time in microseconds since any moment; it never goes back. */
     uint64_t (*now_us)(void *context);
 };
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

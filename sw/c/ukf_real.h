@@ -5,6 +5,10 @@
 #ifndef UKF_REAL_H
 #define UKF_REAL_H
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /*
  * Models compute in double by default, as the Python software does, also for cores of binary32:
  * what goes to the core is rounded once, on its way to the bus. -DUKF_REAL=float computes in single
@@ -16,5 +20,9 @@
 
 /** Number in software. */
 typedef UKF_REAL ukf_real;
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

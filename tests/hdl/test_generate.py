@@ -55,10 +55,9 @@ def generate_stub(params, folder):
 
 def test_files_are_named_after_the_core(tmp_path):
     paths = generate_stub(SMALLEST, tmp_path / "new" / "folder")
-    assert [path.name for path in paths] == [
-        "ukf_core.v", "ukf_core.json", "ukf_core.h", "ukf_registers.h", "ukf_core.svd",
-        "ukf_core.dtso", "ukf_core.md",
-    ]  # fmt: skip
+    names = [path.relative_to(tmp_path / "new" / "folder").as_posix() for path in paths]
+    assert names[:5] == [f"ukf_core.{kind}" for kind in ("v", "json", "svd", "dtso", "md")]
+    assert names[5:7] == ["c/ukf_core.h", "c/ukf_registers.h"]
     assert all(path.stat().st_size for path in paths)
 
 

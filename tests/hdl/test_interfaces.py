@@ -1,6 +1,7 @@
 """What software gets about a core: compiled, validated, read back, compared with the maps."""
 
 import re
+import shlex
 import shutil
 import subprocess
 from functools import cache
@@ -12,7 +13,10 @@ from lxml import etree
 
 from support.stub_engine import StubEngine
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import BASE_ADDRESS, INTERRUPT, c_header, generate, interface_files
+from ukf_hdl.generate import BASE_ADDRESS, INTERRUPT, generate, interface_files
+from ukf_sw.c_sources import C_SOURCES
+from ukf_sw.problems.scenario_files import export_scenario
+from ukf_sw.problems.systems.nanosat import nanosat
 from ukf_sw.spec.float_format import BINARY16, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -33,6 +37,8 @@ CONFIGURATIONS = [
 ]
 
 needs_cc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+needs_cxx = pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compiler")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
 @cache
@@ -41,8 +47,12 @@ def texts(params, **place):
 
 
 def write(params, folder):
+    """Write the files of a core; gives the folder of the C driver."""
     for name, text in texts(params).items():
-        (folder / name).write_text(text, encoding="utf-8")
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    return folder / "c"
 
 
 # C headers.
@@ -58,7 +68,7 @@ def macros(*headers):
 
 @pytest.mark.parametrize("params", CONFIGURATIONS)
 def test_headers_say_what_the_maps_say(params):
-    headers = [texts(params)[name] for name in ("ukf_core.h", "ukf_registers.h")]
+    headers = [texts(params)[f"c/{name}"] for name in ("ukf_core.h", "ukf_registers.h")]
     found = macros(*headers)
     # Two guards have no value, and the initialiser and the list of fields have more than one.
     assert len(found) == sum(header.count("#define UKF_") for header in headers) - 4, "twice"
@@ -83,14 +93,14 @@ def test_headers_say_what_the_maps_say(params):
 
 
 def test_registers_are_those_of_all_cores():
-    assert texts(SMALLEST)["ukf_registers.h"] == texts(NANOSAT)["ukf_registers.h"]
-    assert c_header(UkfCore(SMALLEST)) == texts(SMALLEST)["ukf_core.h"]
+    assert texts(SMALLEST)["c/ukf_registers.h"] == texts(NANOSAT)["c/ukf_registers.h"]
+    assert texts(SMALLEST)["c/ukf_core.h"] != texts(NANOSAT)["c/ukf_core.h"]
 
 
 def compile_c(folder, source, standard):
     (folder / "main.c").write_text(source, encoding="utf-8")
     return subprocess.run(
-        ["gcc", f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "main.c"],
+        ["gcc", f"-std={standard}", *STRICT, "main.c"],
         cwd=folder, capture_output=True, text=True, check=False,
     )  # fmt: skip
 
@@ -98,11 +108,11 @@ def compile_c(folder, source, standard):
 @needs_cc
 @pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
 def test_headers_compile(standard, tmp_path):
-    write(NANOSAT, tmp_path)
-    names = macros(*(path.read_text() for path in tmp_path.glob("*.h")))
+    folder = write(NANOSAT, tmp_path)
+    names = macros(*((folder / name).read_text() for name in ("ukf_core.h", "ukf_registers.h")))
     uses = "\n".join(f"    sum += {name};" for name in names)
     result = compile_c(
-        tmp_path,
+        folder,
         '#include "ukf_core.h"\n#include "ukf_core.h"\n#include "ukf_registers.h"\n'
         "int main(void)\n{\n    unsigned long sum = sizeof(struct ukf_registers);\n"
         f"{uses}\n    return sum == 0;\n}}\n",
@@ -113,15 +123,188 @@ def test_headers_compile(standard, tmp_path):
 
 @needs_cc
 def test_a_register_at_another_offset_does_not_compile(tmp_path):
-    write(SMALLEST, tmp_path)
-    header = tmp_path / "ukf_registers.h"
+    folder = write(SMALLEST, tmp_path)
+    header = folder / "ukf_registers.h"
     text = header.read_text()
     assert text.count("#define UKF_MASK_OFFSET 0x24u") == 1
     header.write_text(text.replace("#define UKF_MASK_OFFSET 0x24u", "#define UKF_MASK_OFFSET 0x2u"))
-    result = compile_c(
-        tmp_path, '#include "ukf_registers.h"\nint main(void) { return 0; }\n', "c11"
-    )
+    result = compile_c(folder, '#include "ukf_registers.h"\nint main(void) { return 0; }\n', "c11")
     assert "offset of MASK" in result.stderr
+
+
+# The C driver.
+
+HEADERS = sorted(path.relative_to(C_SOURCES).as_posix() for path in C_SOURCES.rglob("*.h"))
+GENERATED = ["ukf_core.h", "ukf_registers.h", "scenario_data.h"]
+
+
+@pytest.fixture(scope="module")
+def c_folder(tmp_path_factory):
+    """Folder of the C driver of a nanosatellite's core, with a scenario for C."""
+    folder = write(NANOSAT, tmp_path_factory.mktemp("core"))
+    export_scenario(nanosat(steps=2), 2, folder)
+    return folder
+
+
+@needs_cc
+@needs_cxx
+@pytest.mark.parametrize("header", [*HEADERS, *GENERATED])
+def test_every_header_stands_alone_in_c_and_in_cxx(header, c_folder, tmp_path):
+    """And its declarations are those of C in both."""
+    includes = [f"-I{path}" for path in (c_folder, C_SOURCES, *sorted(C_SOURCES.glob("**/*/")))]
+    (tmp_path / "alone.c").write_text(
+        f'#include "{header}"\n#include "{header}"\nint main(void);\n'
+    )
+    for language, standard in (("c", "c11"), ("c++", "c++17"), ("c++", "c++20")):
+        result = subprocess.run(
+            ["gcc", "-x", language, f"-std={standard}", *STRICT, "-Wno-unused-variable",
+             "-fsyntax-only", *includes, "alone.c"],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert result.returncode == 0, f"{standard}: {result.stderr}"
+    folder = c_folder if header in GENERATED else C_SOURCES
+    assert 'extern "C" {' in (folder / header).read_text(encoding="utf-8")
+
+
+def written_command(folder):
+    """The one command of the README."""
+    text = (folder / "README.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^```sh\n(.*)\n```$", text, re.MULTILINE)
+    return shlex.split(command)
+
+
+@pytest.mark.parametrize("compiler", ["cc", "arm-linux-gnueabihf-gcc"])
+@pytest.mark.parametrize("port", ["uio", "bare_metal", "remote"])
+@pytest.mark.parametrize("params", [SMALLEST, ADDITIVE], ids=["smallest", "double"])
+def test_the_driver_compiles_as_its_readme_says(params, port, compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    folder = write(params, tmp_path)
+    first, *words = written_command(folder)
+    assert first == "cc"
+    assert words.count("ports/uio.c") == 1
+    words = [word.replace("uio", port) for word in words]
+    result = subprocess.run(
+        [compiler, *STRICT, *words], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    objects = {path.name for path in folder.glob("*.o")}
+    assert objects == {"ukf_driver.o", "ukf_filter.o", "ukf_factor.o", f"{port}.o"}
+
+
+#: Prints what struct ukf_core holds, and what a driver says on a bus where all words are 0.
+PROGRAM = """\
+#include <stdio.h>
+#include <ukf_core.h>
+#include <ukf_filter.h>
+#include <uio.h>
+
+static bool get(void *context, uint32_t address, uint32_t *word)
+{
+    *word = 0u;
+    return context == NULL && address < (1u << UKF_ADDRESS_BITS);
+}
+
+static bool put(void *context, uint32_t address, uint32_t word)
+{
+    return context == NULL && address != word;
+}
+
+static uint64_t now(void *context)
+{
+    return context == NULL ? 0u : 1u;
+}
+
+static bool process(void *context, const ukf_real *x, const ukf_real *w, const void *u,
+                    ukf_real *next)
+{
+    next[0] = x[0];
+    return context == NULL && w != NULL && u == NULL;
+}
+
+static bool observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+{
+    z[0] = x[0];
+    return context == NULL && v != NULL;
+}
+
+int main(void)
+{
+    static const struct ukf_core core = UKF_CORE_INITIALISER;
+    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
+    const struct ukf_port port = {NULL, get, put, NULL, now};
+    const struct ukf_models models = {NULL, process, observe, 0u, 0u};
+    const struct ukf_options options = {1000u, false};
+    struct ukf ukf;
+    enum ukf_result result = ukf_open(&ukf, &core, &port, &models, &options, work,
+                                      (uint32_t)(sizeof work / sizeof work[0]));
+
+MEMBERS
+    printf("%d %s\\n", (int)result, ukf_result_name(result));
+    return 0;
+}
+"""
+
+
+@needs_cc
+@needs_cxx
+@pytest.mark.parametrize(
+    ("language", "standard"), [("c", "c11"), ("c++", "c++11"), ("c++", "c++17"), ("c++", "c++20")]
+)
+def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path):
+    """In C++ as in C; every member of the core's description is what its name says."""
+    folder = tmp_path / "c"
+    shutil.copytree(c_folder, folder)
+    subprocess.run(written_command(folder), cwd=folder, check=True)
+    text = (C_SOURCES / "ukf_driver.h").read_text(encoding="utf-8")
+    text = text.split("struct ukf_core {")[1].split("};")[0]
+    names = re.findall(r"uint32_t (\w+);", text)
+    lines = [f'    printf("{name} %u\\n", (unsigned)core.{name});' for name in names]
+    (folder / "main.c").write_text(PROGRAM.replace("MEMBERS", "\n".join(lines)))
+    compiler = "gcc" if language == "c" else "g++"
+    for command in (
+        [compiler, "-x", language, f"-std={standard}", *STRICT, "-I.", "-Iports", "-c", "main.c"],
+        [compiler, *sorted(path.name for path in folder.glob("*.o")), "main.o", "-lm"],
+    ):
+        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, result.stderr
+    done = subprocess.run([str(folder / "a.out")], capture_output=True, text=True, check=True)
+    *members, verdict = done.stdout.splitlines()
+    assert verdict == "68 wrong ID"
+    found = {name: int(value) for name, value in map(str.split, members)}
+    memory_map = MemoryMap(NANOSAT)
+    bases = {region.name: memory_map.address(region.symbol, 0, 0) for region in memory_map}
+    assert found == bases | {
+        "n": 7, "m": 6, "q": 7, "r": 6, "points": 22, "exponent_bits": 8, "fraction_bits": 23,
+        "covariance_form": 0, "additive_q": 0, "additive_r": 0,
+        "element_bytes": memory_map.element_bytes, "row_stride": memory_map.row_stride,
+    }  # fmt: skip
+
+
+@needs_cc
+def test_the_initialiser_of_a_core_without_a_region_has_a_zero(tmp_path):
+    """Additive noise has no sigma points."""
+    folder = write(ADDITIVE, tmp_path)
+    result = compile_c(
+        folder,
+        '#include "ukf_core.h"\n#include "ukf_driver.h"\n'
+        "static const struct ukf_core core = UKF_CORE_INITIALISER;\n"
+        "int main(void)\n{\n"
+        "    return !(core.process_noise_points == 0u && core.covariance_form == 1u &&\n"
+        "    core.observation_points == UKF_OBSERVATION_POINTS_BASE &&\n"
+        "    core.observation_noise_factor == UKF_OBSERVATION_NOISE_FACTOR_BASE);\n}\n",
+        "c11",
+    )
+    assert result.returncode == 0, result.stderr
+    subprocess.run([str(folder / "a.out")], check=True)
+
+
+def test_a_format_that_c_has_not_has_no_driver_in_c():
+    half = texts(UkfParams(n=2, m=3, format=BINARY16))
+    assert [name for name in half if name.startswith("c/")] == ["c/ukf_core.h", "c/ukf_registers.h"]
+    assert {f"c/{path.name}" for path in C_SOURCES.iterdir() if path.is_file()} <= set(
+        texts(ADDITIVE)
+    )
 
 
 # CMSIS-SVD.

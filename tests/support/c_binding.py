@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, compile_c, write_interfaces
+from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, compile_c, write_headers
 from ukf_sw.drivers.bus import Bus
 from ukf_sw.errors import BusError
 from ukf_sw.spec.parameters import UkfParams
@@ -38,15 +38,15 @@ class Result(IntEnum):
     NOT_FINITE = 2
     SINGULAR_OBSERVATION = 3
     NOT_POSITIVE_DEFINITE = 4
-    UNKNOWN_ERROR = 5
-    TIMEOUT = 6
-    STEP_LOST = 7
-    BUS_ERROR = 8
-    WRONG_ID = 9
-    WRONG_SIZES = 10
-    WRONG_FORMAT = 11
-    BAD_ARGUMENT = 12
-    BAD_MODEL = 13
+    UNKNOWN_ERROR = 64
+    TIMEOUT = 65
+    STEP_LOST = 66
+    BUS_ERROR = 67
+    WRONG_ID = 68
+    WRONG_SIZES = 69
+    WRONG_FORMAT = 70
+    BAD_ARGUMENT = 71
+    BAD_MODEL = 72
 
 
 class _Port(ctypes.Structure):
@@ -82,13 +82,13 @@ class CFilterError(Exception):
     Parameters
     ----------
     result
-        What it returned.
+        What it returned; a number if it is a code of the core without a name.
     fault
         Details, by name.
     """
 
-    def __init__(self, result: Result, fault: dict[str, int]) -> None:
-        super().__init__(f"{result.name}: {fault}")
+    def __init__(self, result: Result | int, fault: dict[str, int]) -> None:
+        super().__init__(f"{result!r}: {fault}")
         self.result = result
         self.fault = fault
 
@@ -110,7 +110,7 @@ def compile_library(params: UkfParams, folder: Path, *, application: bool = Fals
     CompilerError
         If it does not compile.
     """
-    write_interfaces(params, folder)
+    write_headers(params, folder)
     sources = [*DRIVER, BINDING, *(APPLICATION[:1] if application else ())]
     library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC"))
     return ctypes.CDLL(str(library))
@@ -253,9 +253,10 @@ class CFilter:
         ]  # fmt: skip
         if work is not None:
             prepared += [_real(self._work), WORD(work)]
-        result = Result(getattr(self._library, name)(self._ukf, *prepared))
-        if result is not Result.OK:
-            raise CFilterError(result, self.fault)
+        result = getattr(self._library, name)(self._ukf, *prepared)
+        if result != Result.OK:
+            named = {int(item): item for item in Result}
+            raise CFilterError(named.get(result, result), self.fault)
 
     @staticmethod
     def _numbers(value: ArrayLike | None) -> Array | None:
@@ -272,6 +273,12 @@ class CFilter:
     def pes(self) -> int:
         """Number of processing elements that the core says it has."""
         return int(self._library.binding_pes(self._ukf))
+
+    def result_name(self, result: int) -> str:
+        """``ukf_result_name``."""
+        function = self._library.ukf_result_name
+        function.restype = ctypes.c_char_p
+        return function(result).decode()
 
     def round(self, value: float) -> float:
         """``ukf_driver_round``."""

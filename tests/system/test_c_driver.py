@@ -541,12 +541,26 @@ def test_an_illegal_step(library):
     assert (error.result, error.fault["step"]) == (Result.ILLEGAL_STEP, Step.PREDICT)
 
 
-def test_an_error_that_nobody_knows(library):
+@pytest.mark.parametrize(
+    ("code", "result"), [(5, 5), (63, 63), (64, Result.UNKNOWN_ERROR), (255, Result.UNKNOWN_ERROR)]
+)
+def test_an_error_that_nobody_knows(library, code, result):
+    """A code of the core is the result, also if nobody has named it; results of the driver are not
+    mistaken for it.
+    """
     c, bus = start(library, AUGMENTED)
-    bus.lies[ERROR.offset] = 77 | 5 << 8
+    bus.lies[ERROR.offset] = code | 5 << 8
     error = failing(c.predict, 0.1)
-    assert error.result is Result.UNKNOWN_ERROR
-    assert (error.fault["code"], error.fault["index"]) == (77, 5)
+    assert error.result == result
+    assert (error.fault["code"], error.fault["index"]) == (code, 5)
+    assert (error.fault["step"], c.result_name(error.result)) == (Step.SIG_GEN, "unknown error")
+
+
+def test_codes_of_the_core_and_results_of_the_driver_are_apart():
+    assert all(code < Result.UNKNOWN_ERROR for code in ErrorCode)
+    names = {code.name for code in ErrorCode} - {"NONE"}
+    assert {result.name for result in Result if result < Result.UNKNOWN_ERROR} == names | {"OK"}
+    assert all(Result[name] == ErrorCode[name] for name in names)
 
 
 def test_an_overflow(library):
@@ -628,11 +642,10 @@ def test_a_model_without_a_result(library, which, kind):
 
 
 def test_results_have_names(library):
-    name = library(SMALLEST).ukf_result_name
-    name.restype = ctypes.c_char_p
-    names = {name(result).decode() for result in Result}
+    c, _ = start(library, SMALLEST)
+    names = {c.result_name(result) for result in Result}
     assert len(names) == len(Result)
-    assert name(len(Result)) == name(1000) == b"not a result"
+    assert c.result_name(max(Result) + 1) == c.result_name(1000) == "not a result"
 
 
 def test_status_is_polled_with_the_bits_of_the_map(library):

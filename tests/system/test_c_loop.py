@@ -76,9 +76,9 @@ def test_differences_are_found():
     nis[1] = np.nan
     assert first_difference(replace(expected, nis=nis), expected).startswith("nis of step 1: nan")
     results = expected.results.copy()
-    results[4] = 6
+    results[4] = 65
     assert first_difference(replace(expected, results=results), expected) == (
-        "results of step 4: 6, not 0"
+        "results of step 4: 65, not 0"
     )
     assert first_difference(replace(expected, x=x[:2]), expected) == "2 steps, not 5"
     assert first_difference(replace(expected, P=None), expected) == "P at the end"

@@ -7,7 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from ukf_sim.c_in_the_loop.compiler import SOURCES, Toolchain, compile_c, write_interfaces
+from ukf_sim.c_in_the_loop.compiler import Toolchain, compile_c, write_headers
+from ukf_sw.c_sources import C_SOURCES
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import INTERRUPT_PENDING
 
@@ -43,10 +44,10 @@ class Uio(ctypes.Structure):
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ports")
-    write_interfaces(UkfParams(n=1, m=1), folder)
+    write_headers(UkfParams(n=1, m=1), folder)
     compiled = compile_c(
-        [SOURCES / "ports/bare_metal.c", SOURCES / "ports/uio.c"], folder / "libports.so", [folder],
-        flags=("-shared", "-fPIC"),
+        [C_SOURCES / "ports/bare_metal.c", C_SOURCES / "ports/uio.c"], folder / "libports.so",
+        [folder], flags=("-shared", "-fPIC"),
     )  # fmt: skip
     library = ctypes.CDLL(str(compiled))
     library.ukf_bare_metal_port.restype = Port

@@ -10,22 +10,22 @@ import pytest
 from ukf_sim.c_in_the_loop.compiler import (
     APPLICATION,
     DRIVER,
-    PROGRAM,
-    SOURCES,
+    LINUX_MAIN,
     CompilerError,
     Toolchain,
     compile_c,
     compile_objects,
-    write_interfaces,
+    write_headers,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
+from ukf_sw.c_sources import C_SOURCES
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.scenario_files import export_scenario, read_results
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
 from ukf_sw.spec.parameters import Noise, UkfParams
 from ukf_sw.spec.registers import CONTROL, ERROR
+from ukf_tools.arm.emulator import arm_available, run_on_arm
 from ukf_tools.arm.register_server import RegisterServer
-from ukf_tools.arm.run import arm_available, run_on_arm
 
 needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -36,9 +36,9 @@ STEPS = 12
 def program(tmp_path_factory):
     """The program for Linux, native, with sanitizers."""
     folder = tmp_path_factory.mktemp("program")
-    write_interfaces(NANOSAT, folder)
+    write_headers(NANOSAT, folder)
     return compile_c(
-        [*DRIVER, *APPLICATION, *PROGRAM], folder / "nanosat", [folder], flags=SANITIZED
+        [*DRIVER, *APPLICATION, *LINUX_MAIN], folder / "nanosat", [folder], flags=SANITIZED
     )
 
 
@@ -81,8 +81,8 @@ def test_masks_come_with_the_samples(program, tmp_path):
 
 @needs_cc
 def test_additive_noise(tmp_path):
-    write_interfaces(NANOSAT_ADDITIVE, tmp_path)
-    program = compile_c([*DRIVER, *APPLICATION, *PROGRAM], tmp_path / "nanosat", [tmp_path])
+    write_headers(NANOSAT_ADDITIVE, tmp_path)
+    program = compile_c([*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path])
     scenario = nanosat(noise=Noise.ADDITIVE, steps=STEPS)
     done, results = run(program, scenario, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -92,9 +92,9 @@ def test_additive_noise(tmp_path):
 @needs_cc
 def test_single_precision(tmp_path):
     """With -DUKF_REAL=float the models round, but hardly otherwise than binary32 does anyway."""
-    write_interfaces(NANOSAT, tmp_path)
+    write_headers(NANOSAT, tmp_path)
     program = compile_c(
-        [*DRIVER, *APPLICATION, *PROGRAM], tmp_path / "nanosat", [tmp_path],
+        [*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path],
         flags=("-DUKF_REAL=float",),
     )  # fmt: skip
     scenario = nanosat(steps=STEPS)
@@ -129,7 +129,7 @@ class FailingBus(GoldenBus):
     def read(self, address):
         if address == ERROR.offset and self._broken:
             self._broken = False
-            return 99
+            return 37
         return super().read(address)
 
 
@@ -142,7 +142,9 @@ def test_the_application_goes_on_from_the_saved_estimate(program, effect, tmp_pa
     done, results = run(program, scenario, tmp_path, bus=bus)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{STEPS} steps, 1 errors, 1 recoveries\n"
-    assert f"step 5: {'time-out' if effect == 'hang' else 'unknown error'}" in done.stderr
+    assert (
+        done.stderr == f"step 5: {'time-out (65)' if effect == 'hang' else 'unknown error (37)'}\n"
+    )
     expected = golden_results(scenario, STEPS)
     assert (results.x[:5] == expected.x[:5]).all()
     # The estimate was saved after step 0; the filter goes on from there.
@@ -158,7 +160,7 @@ def test_the_application_ends_when_the_core_cannot_be_recovered(program, tmp_pat
         program, nanosat(steps=STEPS), tmp_path, bus=FailingBus("PREDICT", 1, "hang")
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("step 0: time-out\ntime-out: step 3, ")
+    assert done.stderr.startswith("step 0: time-out (65)\ntime-out: step 3, ")
     assert len(results.x) == 1
     assert results.P is None
 
@@ -261,11 +263,11 @@ def test_the_program_without_an_operating_system(toolchain, tmp_path):
     """It compiles for a freestanding environment and needs nothing else."""
     if not toolchain.available:
         pytest.skip(f"{toolchain.command[0]} is not installed")
-    write_interfaces(NANOSAT, tmp_path)
+    write_headers(NANOSAT, tmp_path)
     export_scenario(nanosat(steps=20), 20, tmp_path)
     sources = [
-        *DRIVER, SOURCES / "apps/nanosat/nanosat.c", SOURCES / "ports/bare_metal.c",
-        SOURCES / "apps/nanosat/nanosat_bare_metal.c",
+        *DRIVER, C_SOURCES / "apps/nanosat/nanosat.c", C_SOURCES / "ports/bare_metal.c",
+        C_SOURCES / "apps/nanosat/nanosat_bare_metal.c",
     ]  # fmt: skip
     objects = compile_objects(
         sources, tmp_path, [tmp_path], toolchain=toolchain, flags=("-ffreestanding",)
@@ -285,6 +287,6 @@ def test_the_program_without_an_operating_system(toolchain, tmp_path):
 
 @needs_cc
 def test_a_core_of_other_sizes_does_not_compile(tmp_path):
-    write_interfaces(UkfParams(n=2, m=1), tmp_path)
+    write_headers(UkfParams(n=2, m=1), tmp_path)
     with pytest.raises(CompilerError, match="the core must be generated for 7 states"):
         compile_c([APPLICATION[0]], tmp_path / "nanosat.o", [tmp_path], flags=("-c",))

@@ -203,7 +203,7 @@ def test_command(tmp_path, monkeypatch):
     )
     # The same parameters give the same core.
     assert runner.invoke(app, ["generate", *arguments, "--output", "core"]).exit_code == 0
-    for name in ("ukf_core.v", "ukf_core.json", "ukf_core.h"):
+    for name in ("ukf_core.v", "ukf_core.json", "c/ukf_core.h", "c/ukf_driver.c"):
         own, other = tmp_path / "build/package/rtl" / name, tmp_path / "core" / name
         assert own.read_bytes() == other.read_bytes()
 

@@ -38,6 +38,7 @@ def main(parameters: Path) -> None:
     files = [
         {str(path): {"file_type": _KINDS.get(path.suffix, "user"), "copyto": path.name}}
         for path in sorted(set(Path().iterdir()) - before)
+        if path.is_file()
     ]
     core = {
         "name": call["vlnv"],

@@ -7,6 +7,10 @@ from ukf_sw.spec.sequence import NO_FLAG, STEPS, WAYS, Flag, Step
 
 __all__ = ["core_header", "registers_header"]
 
+#: What C++ needs before and after declarations of C.
+_OPEN = ("#ifdef __cplusplus", 'extern "C" {', "#endif", "")
+_CLOSE = ("", "#ifdef __cplusplus", "}", "#endif")
+
 #: Names of the base addresses in ``struct ukf_core`` (sw/c/ukf_driver.h) are those of the regions.
 REGIONS = (
     "state_points", "process_noise_points", "observation_noise_points", "observation_points",
@@ -25,7 +29,7 @@ IDENTITY_FIELDS = tuple(
 
 
 def registers_header(record: dict[str, Any]) -> str:
-    """Render the register block as a C header, C99 and later.
+    """Render the register block as a C header, C99 and later, and C++.
 
     It is the same for all cores of one version of the map, so a driver compiled with it drives any
     of them. In C11 and later the layout of ``struct ukf_registers`` is asserted.
@@ -43,6 +47,7 @@ def registers_header(record: dict[str, Any]) -> str:
         "#include <stddef.h>",
         "#include <stdint.h>",
         "",
+        *_OPEN,
         "/* What ID must hold. */",
         *(f"#define UKF_ID_{field.name}_VALUE {field.reset:#x}u" for field in ID),
     ]
@@ -72,7 +77,7 @@ def registers_header(record: dict[str, Any]) -> str:
             )
         ),
     ]
-    lines += ["", *_structure(record), "", "#endif", ""]
+    lines += ["", *_structure(record), *_CLOSE, "", "#endif", ""]
     return "\n".join(lines)
 
 
@@ -108,7 +113,7 @@ def _structure(record: dict[str, Any]) -> list[str]:
 
 
 def core_header(record: dict[str, Any]) -> str:
-    """Render sizes and addresses of a core as a C header, C99 and later.
+    """Render sizes and addresses of a core as a C header, C99 and later, and C++.
 
     Parameters
     ----------
@@ -129,6 +134,7 @@ def core_header(record: dict[str, Any]) -> str:
         "",
         '#include "ukf_registers.h"',
         "",
+        *_OPEN,
         "/* Sizes. */",
         *(f"#define UKF_{field} {values[name, field]}u" for name, field in IDENTITY_FIELDS),
         f"#define UKF_POINTS {points}u",
@@ -159,10 +165,12 @@ def core_header(record: dict[str, Any]) -> str:
     ]
     lines += [
         "",
-        "/* The same as an initialiser of `struct ukf_core` (ukf_driver.h). */",
+        "/* The same as an initialiser of `struct ukf_core` (ukf_driver.h), in the order of its",
+        " * members: C++ before C++20 cannot name them. */",
         "#define UKF_CORE_INITIALISER { \\",
-        *(f"    .{name} = {value}, \\" for name, value in members),
+        *(f"    {value}, /* {name} */ \\" for name, value in members),
         "}",
+        *_CLOSE,
         "",
         "#endif",
         "",

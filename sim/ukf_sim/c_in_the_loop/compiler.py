@@ -6,38 +6,35 @@ from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 
-import ukf_sw
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import interface_files
+from ukf_hdl.generate import description
+from ukf_hdl.interfaces.c_driver import c_headers
+from ukf_sw.c_sources import C_SOURCES, DRIVER_SOURCES
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = [
     "APPLICATION",
     "DRIVER",
-    "PROGRAM",
-    "SOURCES",
+    "INCLUDES",
+    "LINUX_MAIN",
     "CompilerError",
     "Toolchain",
     "compile_c",
     "compile_objects",
-    "write_interfaces",
+    "write_headers",
 ]
 
-#: Folder of the C sources.
-SOURCES = Path(ukf_sw.__file__).resolve().parent.parent / "c"
-#: Sources of the driver; of the nanosatellite without and with its main program for Linux.
-DRIVER = tuple(SOURCES / name for name in ("ukf_driver.c", "ukf_filter.c", "ukf_factor.c"))
+#: Sources of the driver; of the nanosatellite; of its main program for Linux, with the ports.
+DRIVER = tuple(C_SOURCES / name for name in DRIVER_SOURCES)
 APPLICATION = tuple(
-    SOURCES / "apps" / name
+    C_SOURCES / "apps" / name
     for name in ("nanosat/nanosat.c", "nanosat/nanosat_files.c", "scenario_file.c")
 )
-PROGRAM = (
-    SOURCES / "apps/nanosat/nanosat_linux.c",
-    SOURCES / "ports/uio.c",
-    SOURCES / "ports/remote.c",
+LINUX_MAIN = tuple(
+    C_SOURCES / name for name in ("apps/nanosat/nanosat_linux.c", "ports/uio.c", "ports/remote.c")
 )
 #: Folders of headers.
-INCLUDES = tuple(SOURCES / name for name in (".", "ports", "apps", "apps/nanosat"))
+INCLUDES = tuple(C_SOURCES / name for name in (".", "ports", "apps", "apps/nanosat"))
 
 #: No fused multiply-add: the order and rounding of operations are those of the source.
 FLAGS = (
@@ -71,9 +68,14 @@ class Toolchain(Enum):
         """Whether it is installed."""
         return shutil.which(self.command[0]) is not None
 
+    def require(self) -> None:
+        """Raise CompilerError unless it is installed."""
+        if not self.available:
+            raise CompilerError(f"{self.command[0]} is not installed")
 
-def write_interfaces(params: UkfParams, folder: Path) -> None:
-    """Write the generated headers of a core, and what else software needs, without its Verilog.
+
+def write_headers(params: UkfParams, folder: Path) -> None:
+    """Write the generated headers of a core, without its Verilog.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def write_interfaces(params: UkfParams, folder: Path) -> None:
         Folder to write to; made if absent.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in interface_files(UkfCore(params)).items():
+    for name, text in c_headers(description(UkfCore(params))).items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -120,8 +122,7 @@ def compile_c(
     CompilerError
         If the compiler is not installed or does not compile the source; any warning is an error.
     """
-    if not toolchain.available:
-        raise CompilerError(f"{toolchain.command[0]} is not installed")
+    toolchain.require()
     folders = [f"-I{path}" for path in (*INCLUDES, *includes)]
     link = [] if "-c" in flags else ["-lm"]
     command = [

@@ -1,9 +1,9 @@
 // The simulated core with the C application in one process: a port whose other end is a cycle-accurate
 // AXI4-Lite manager on the ports of the model that Verilator made of the Verilog.
 //
-//   program SCENARIO RESULTS REPORT interrupt|polling WORD_CLOCKS TIMEOUT_US
+//   program SCENARIO RESULTS COUNTS interrupt|polling estimates|covariances WORD_CLOCKS TIMEOUT_US
 //
-// WORD_CLOCKS are the clocks that a bus word takes at least, on average. REPORT gets a line of numbers:
+// WORD_CLOCKS are the clocks that a bus word takes at least, on average. COUNTS gets a line of numbers:
 // clocks, words, clocks of words, seconds, seconds of the processor.
 
 #include <chrono>
@@ -17,9 +17,7 @@
 #include "Vukf_core.h"
 #include "verilated.h"
 
-extern "C" {
 #include "nanosat_files.h"
-}
 
 namespace {
 
@@ -213,32 +211,33 @@ std::uint64_t now_us(void *context)
 
 int main(int count, char **arguments)
 {
-    if (count != 7) {
-        std::fprintf(stderr, "usage: %s SCENARIO RESULTS REPORT interrupt|polling WORD_CLOCKS "
-                             "TIMEOUT_US\n", arguments[0]);
+    if (count != 8) {
+        std::fprintf(stderr, "usage: %s SCENARIO RESULTS COUNTS interrupt|polling "
+                             "estimates|covariances WORD_CLOCKS TIMEOUT_US\n", arguments[0]);
         return 2;
     }
-    Bench bench(std::atof(arguments[5]));
+    Bench bench(std::atof(arguments[6]));
     const bool polling = std::strcmp(arguments[4], "polling") == 0;
+    const bool covariances = std::strcmp(arguments[5], "covariances") == 0;
     const ukf_port port = {&bench, read_word, write_word, polling ? nullptr : wait_for_interrupt,
                            now_us};
     const auto start = std::chrono::steady_clock::now();
     const std::clock_t processor_start = std::clock();
     const int code = nanosat_files(&port, arguments[1], arguments[2],
-                                   static_cast<std::uint32_t>(std::atol(arguments[6])));
+                                   static_cast<std::uint32_t>(std::atol(arguments[7])), covariances);
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
     const double processor_seconds =
         static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC;
-    std::FILE *report = std::fopen(arguments[3], "w");
-    if (!report) {
+    std::FILE *counts = std::fopen(arguments[3], "w");
+    if (!counts) {
         std::perror(arguments[3]);
         return 1;
     }
-    std::fprintf(report, "%llu %llu %llu %.9f %.9f\n",
+    std::fprintf(counts, "%llu %llu %llu %.9f %.9f\n",
                  static_cast<unsigned long long>(bench.clocks()),
                  static_cast<unsigned long long>(bench.words()),
                  static_cast<unsigned long long>(bench.word_clocks()), seconds.count(),
                  processor_seconds);
-    std::fclose(report);
+    std::fclose(counts);
     return code;
 }

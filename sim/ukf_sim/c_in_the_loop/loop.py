@@ -18,9 +18,15 @@ from pathlib import Path
 import numpy as np
 
 from ukf_hdl.generate import NAME, generate
-from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, INCLUDES, compile_objects
+from ukf_sim.c_in_the_loop.compiler import (
+    APPLICATION,
+    DRIVER,
+    INCLUDES,
+    Toolchain,
+    compile_objects,
+)
 from ukf_sim.session import CACHE, step_timeout
-from ukf_sim.simulators import PROGRAM, Build, SimulatorError, build_program
+from ukf_sim.simulators import PROGRAM, Build, Simulator, SimulatorError, build_program, require
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
@@ -61,7 +67,7 @@ class CLoopOutcome:
     build: Build
 
 
-def golden_results(scenario: Scenario, steps: int) -> CResults:
+def golden_results(scenario: Scenario, steps: int, *, covariances: bool = False) -> CResults:
     """Run the Python filter on the golden model; results as the C application writes them.
 
     Parameters
@@ -70,28 +76,37 @@ def golden_results(scenario: Scenario, steps: int) -> CResults:
         The scenario, with the parameters of the core.
     steps
         How many steps.
+    covariances
+        Whether the results have the covariance of each step.
     """
     p = scenario.params
     ukf = scenario.filter("golden")
     x = np.empty((steps, p.n))
     nis = np.full(steps, np.nan)
     gated = np.zeros(steps, dtype=np.bool_)
+    P = np.empty((steps, p.n, p.n)) if covariances else None
     for k in range(steps):
         ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
         mask = None if scenario.sampled is None else scenario.sampled[k]
         if mask is None or mask.any():
             ukf.update(scenario.measurements[k], mask)
             nis[k], gated[k] = ukf.nis, ukf.gated
+        if P is not None:
+            P[k] = ukf.P
         x[k] = ukf.x
-    return CResults(x=x, nis=nis, results=np.zeros(steps, np.uint32), gated=gated, P=ukf.P)
+    return CResults(
+        x=x, nis=nis, results=np.zeros(steps, np.uint32), gated=gated, P=ukf.P, covariances=P
+    )
 
 
 def first_difference(found: CResults, expected: CResults) -> str | None:
     """Name the first difference of two runs, or give None if they are equal bit for bit."""
     if len(found.x) != len(expected.x):
         return f"{len(found.x)} steps, not {len(expected.x)}"
-    for name in ("x", "nis", "results", "gated"):
+    for name in ("x", "nis", "results", "gated", "covariances"):
         one, other = getattr(found, name), getattr(expected, name)
+        if one is other is None:
+            continue
         different = _bits(one) != _bits(other)
         if different.any():
             place = tuple(int(i) for i in np.argwhere(different)[0])
@@ -115,6 +130,7 @@ def run_c_in_the_loop(
     pipeline: Pipeline | None = None,
     interrupt: bool = True,
     word_clocks: float = 0.0,
+    covariances: bool = False,
     cache: Path = CACHE,
     optimise: bool = True,
     progress: Callable[[str], None] | None = None,
@@ -133,6 +149,9 @@ def run_c_in_the_loop(
         Whether the driver waits for the interrupt, or polls.
     word_clocks
         Clocks that a bus word takes at least, on average; 0 is as fast as the core answers.
+    covariances
+        Whether the application reads the covariance after each step. That is one more step of the
+        core, and words on the bus.
     cache
         Folder of compiled programs.
     optimise
@@ -149,16 +168,20 @@ def run_c_in_the_loop(
     ValueError
         If the scenario cannot be exported.
     CompilerError, SimulatorError
-        If something does not compile, or the program fails.
+        If a compiler is missing, at once; if something does not compile, or the program fails.
     """
     tell = progress or (lambda what: None)
+    Toolchain.NATIVE.require()
+    require(Simulator.VERILATOR)
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")
         scenario_file, _ = export_scenario(scenario, steps, folder)
         generate(scenario.params, pipeline, folder / "rtl")
         tell("compile")
-        objects = compile_objects((*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl"])
+        objects = compile_objects(
+            (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
+        )
         built = build_program(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
             optimise=optimise,
@@ -166,7 +189,8 @@ def run_c_in_the_loop(
         tell("run")
         command = [
             str(built.folder / PROGRAM), str(scenario_file), str(folder / "results.bin"),
-            str(folder / "report"), "interrupt" if interrupt else "polling", str(word_clocks),
+            str(folder / "counts"), "interrupt" if interrupt else "polling",
+            "covariances" if covariances else "estimates", str(word_clocks),
             str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),
         ]  # fmt: skip
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -174,12 +198,16 @@ def run_c_in_the_loop(
             raise SimulatorError(
                 f"The C application ended with the code {done.returncode}:\n{done.stderr}"
             )
-        results = read_results(folder / "results.bin", scenario.params, steps)
-        clocks, words, bus_clocks, seconds, cpu_seconds = (folder / "report").read_text().split()
+        results = read_results(
+            folder / "results.bin", scenario.params, steps, covariances=covariances
+        )
+        clocks, words, bus_clocks, seconds, cpu_seconds = (folder / "counts").read_text().split()
         tell("compare")
         return CLoopOutcome(
             results=results,
-            mismatch=first_difference(results, golden_results(scenario, steps)),
+            mismatch=first_difference(
+                results, golden_results(scenario, steps, covariances=covariances)
+            ),
             clocks=int(clocks),
             words=int(words),
             bus_clocks=int(bus_clocks),

@@ -8,6 +8,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** A run. Step k predicts with input k and updates with measurement k. Matrices are row by row. */
 struct ukf_scenario {
     uint32_t n;        /**< States. */
@@ -33,5 +37,9 @@ struct ukf_record {
     uint32_t result; /**< enum ukf_result. */
     uint32_t gated;  /**< 1 if the update was rejected. */
 };
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

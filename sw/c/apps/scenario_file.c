@@ -92,14 +92,21 @@ void ukf_scenario_free(struct ukf_scenario *scenario)
     *scenario = (struct ukf_scenario){0};
 }
 
-bool ukf_results_write(FILE *file, uint32_t n, const ukf_real *x, const struct ukf_record *record)
+bool ukf_numbers_write(FILE *file, uint32_t count, const ukf_real *values)
 {
-    for (uint32_t i = 0; i < n; i++) {
-        const double value = (double)x[i];
+    for (uint32_t i = 0; i < count; i++) {
+        const double value = (double)values[i];
 
         if (fwrite(&value, sizeof value, 1, file) != 1) {
             return false;
         }
     }
-    return fwrite(record, sizeof *record, 1, file) == 1;
+    return true;
+}
+
+bool ukf_results_write(FILE *file, uint32_t n, const ukf_real *x, const ukf_real *P,
+                       const struct ukf_record *record)
+{
+    return ukf_numbers_write(file, n, x) && (P == NULL || ukf_numbers_write(file, n * n, P)) &&
+           fwrite(record, sizeof *record, 1, file) == 1;
 }

@@ -13,6 +13,10 @@
 
 #include "ukf_port.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** State of a port. */
 struct ukf_bare_metal {
     uintptr_t base;           /**< Where the core is, for accesses that are not cached. */
@@ -37,5 +41,9 @@ void ukf_bare_metal_interrupt(struct ukf_bare_metal *state);
  * @param ticks_per_us   Its frequency in MHz: half of that of the processor, 333 at 667 MHz.
  */
 uint64_t ukf_global_timer_us(const volatile uint32_t *registers, uint32_t ticks_per_us);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

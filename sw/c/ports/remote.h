@@ -2,8 +2,8 @@
  * @file
  * @brief Port to a model of the core in another process, over a socket of the Unix domain.
  *
- * The other side is tools/ukf_tools/arm/register_server.py. A request has 4 words of 32 bits in
- * the byte order of the machine: operation (0 read, 1 write, 2 wait), address, data or time-out in
+ * The other side is ukf_tools.arm.register_server in Python. A request has 4 words of 32 bits in the
+ * byte order of the machine: operation (0 read, 1 write, 2 wait), address, data or time-out in
  * microseconds, 0. An answer has 2: 1 for success, and data.
  */
 #ifndef UKF_PORT_REMOTE_H
@@ -12,6 +12,10 @@
 #include <stdbool.h>
 
 #include "ukf_port.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 /** State of a port. */
 struct ukf_remote {
@@ -31,5 +35,9 @@ int ukf_remote_open(struct ukf_remote *state, struct ukf_port *port, const char 
 
 /** @brief Hang up. */
 void ukf_remote_close(struct ukf_remote *state);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -13,6 +13,10 @@
 
 #include "ukf_port.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /** State of a port. */
 struct ukf_uio {
     int device;
@@ -34,5 +38,9 @@ int ukf_uio_open(struct ukf_uio *state, struct ukf_port *port, const char *path,
 
 /** @brief Give the device back. */
 void ukf_uio_close(struct ukf_uio *state);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -86,6 +86,10 @@ def _header(scenario: Scenario, steps: int) -> str:
         "",
         '#include "scenario.h"',
         "",
+        "#ifdef __cplusplus",
+        'extern "C" {',
+        "#endif",
+        "",
         "/* Hexadecimal constants have every bit of the numbers. */",
     ]
     for name, table in tables.items():
@@ -99,17 +103,25 @@ def _header(scenario: Scenario, steps: int) -> str:
         "    " + " ".join(f"{word:#x}," for word in sampled[k : k + 8].tolist())
         for k in range(0, steps, 8)
     ]
+    members = {
+        **{name: f"{getattr(p, name)}u" for name in "nmqr"},
+        "inputs": f"{tables['input'].shape[1]}u",
+        "steps": f"{steps}u",
+        "redraw": "true" if _redraws(scenario) else "false",
+        "interval": float(scenario.times[0]).hex(),
+        **{name: f"ukf_scenario_{name}" for name in (*tables, "sampled")},
+    }
     lines += [
         "};",
         "",
+        "/* In the order of the struct: C++ before C++20 cannot name members. */",
         "static const struct ukf_scenario ukf_scenario_data = {",
-        *(f"    .{name} = {getattr(p, name)}u," for name in "nmqr"),
-        f"    .inputs = {tables['input'].shape[1]}u,",
-        f"    .steps = {steps}u,",
-        f"    .redraw = {'true' if _redraws(scenario) else 'false'},",
-        f"    .interval = {float(scenario.times[0]).hex()},",
-        *(f"    .{name} = ukf_scenario_{name}," for name in (*tables, "sampled")),
+        *(f"    {value}, /* {name} */" for name, value in members.items()),
         "};",
+        "",
+        "#ifdef __cplusplus",
+        "}",
+        "#endif",
         "",
         "#endif",
         "",
@@ -165,6 +177,8 @@ class CResults:
         Whether the update was rejected, shape (K,).
     P
         Covariance at the end, shape (n, n); None if the run did not come to its end.
+    covariances
+        Covariance after each step, shape (K, n, n); None if they were not asked for.
     """
 
     x: Array
@@ -172,9 +186,12 @@ class CResults:
     results: NDArray[np.uint32]
     gated: NDArray[np.bool_]
     P: Array | None
+    covariances: Array | None = None
 
 
-def read_results(path: Path, params: UkfParams, steps: int) -> CResults:
+def read_results(
+    path: Path, params: UkfParams, steps: int, *, covariances: bool = False
+) -> CResults:
     """Read the results of a C application.
 
     Parameters
@@ -185,6 +202,8 @@ def read_results(path: Path, params: UkfParams, steps: int) -> CResults:
         Sizes.
     steps
         Steps of the scenario.
+    covariances
+        Whether the application was told to write the covariance of each step.
 
     Raises
     ------
@@ -192,16 +211,19 @@ def read_results(path: Path, params: UkfParams, steps: int) -> CResults:
         If the file is neither that of a whole run nor that of one that ended early.
     """
     n = params.n
-    kind = np.dtype([("x", "<f8", (n,)), ("nis", "<f8"), ("result", "<u4"), ("gated", "<u4")])
+    kind = np.dtype([
+        ("x", "<f8", (n,)), *([("P", "<f8", (n, n))] if covariances else []),
+        ("nis", "<f8"), ("result", "<u4"), ("gated", "<u4"),
+    ])  # fmt: skip
     data = path.read_bytes()
     whole = steps * kind.itemsize + 8 * n * n
     if len(data) != whole and (len(data) % kind.itemsize or len(data) > steps * kind.itemsize):
         raise ValueError(f"{path} must have {whole} bytes, or whole steps, not {len(data)}")
     done = steps if len(data) == whole else len(data) // kind.itemsize
     rows = np.frombuffer(data, dtype=kind, count=done)
-    P = None
-    if len(data) == whole:
-        P = np.frombuffer(data, dtype="<f8", offset=steps * kind.itemsize).reshape(n, n)
+    end = np.frombuffer(data, dtype="<f8", offset=done * kind.itemsize)
     return CResults(
-        x=rows["x"], nis=rows["nis"], results=rows["result"], gated=rows["gated"] != 0, P=P
-    )
+        x=rows["x"], nis=rows["nis"], results=rows["result"], gated=rows["gated"] != 0,
+        P=end.reshape(n, n) if end.size else None,
+        covariances=rows["P"] if covariances else None,
+    )  # fmt: skip

@@ -146,7 +146,7 @@ def c_arm(
     The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
-    from ukf_tools.arm.run import run_on_arm
+    from ukf_tools.arm.emulator import run_on_arm
 
     problem = _nanosatellite(core, seed, p0)
     with progress_bars(counted=False) as bars:

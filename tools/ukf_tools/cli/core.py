@@ -45,7 +45,7 @@ def generate(
     ] = 61,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the core: Verilog, register map as JSON, C headers, CMSIS-SVD, device tree, Markdown.
+    """Write the core: Verilog, register map as JSON, SVD, device tree, Markdown; and its C driver.
 
     Equal inputs give equal bytes.
     """

@@ -29,7 +29,7 @@ def package(
     ] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the core with scripts for Vivado, constraints, and a device tree overlay.
+    """Write the core with its C driver, scripts for Vivado, constraints, and device tree overlay.
 
     Vivado has not run the scripts: they are checked on a model of its commands.
     """

@@ -92,7 +92,7 @@ static bool keeps_estimate(enum ukf_result result)
            result == UKF_BAD_MODEL;
 }
 
-enum ukf_result nanosat_run(struct nanosat_run *run)
+enum ukf_result nanosat_execute(struct nanosat_run *run)
 {
     static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
     const struct ukf_scenario *scenario = run->scenario;
@@ -148,8 +148,11 @@ enum ukf_result nanosat_run(struct nanosat_run *run)
                 result = ukf_state(&ukf, x);
             }
         }
-        if (run->report != NULL) {
-            run->report(run->report_context, k, x, &record);
+        if (result == UKF_OK && run->covariances) {
+            result = ukf_covariance(&ukf, run->P);
+        }
+        if (run->on_step != NULL) {
+            run->on_step(run->context, k, x, run->covariances ? run->P : NULL, &record);
         }
     }
     if (result == UKF_OK) {

@@ -3,9 +3,9 @@
  * @brief Attitude of a nanosatellite from gyroscope, accelerometer and magnetometer.
  *
  * The application of Soh and Wu (2018). The state is (q1, q2, q3, q0, beta): attitude quaternion with
- * the scalar last, and gyroscope bias in rad/s. The C counterpart of sw/ukf_sw/problems/systems/nanosat.py,
- * where the readings of the papers are explained; every operation is in the same order, so in double
- * the results are equal to the last bit. (Compile with -ffp-contract=off.)
+ * the scalar last, and gyroscope bias in rad/s. The counterpart of ukf_sw.problems.systems.nanosat in
+ * Python, where the readings of the papers are explained; every operation is in the same order, so in
+ * double the results are equal to the last bit. (Compile with -ffp-contract=off.)
  */
 #ifndef NANOSAT_H
 #define NANOSAT_H
@@ -14,6 +14,10 @@
 
 #include "scenario.h"
 #include "ukf_filter.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #define NANOSAT_STATES 7u
 #define NANOSAT_OBSERVATIONS 6u
@@ -41,18 +45,19 @@ bool nanosat_process(void *context, const ukf_real *x, const ukf_real *w, const 
  */
 bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);
 
-/** How to run the filter on a scenario. */
+/** A run of the filter over a scenario. */
 struct nanosat_run {
     const struct ukf_core *core;
     const struct ukf_port *port;
     const struct ukf_scenario *scenario;
     uint32_t timeout_us;    /**< How long to wait for a step of the core, in microseconds. */
     uint32_t save_interval; /**< Steps from one saved estimate to the next; 0 is none. */
-    /** Called after each step, with its number and the estimate; NULL is nobody. */
-    void (*report)(void *context, uint32_t step, const ukf_real *x,
-                   const struct ukf_record *record);
-    void *report_context;
-    ukf_real P[NANOSAT_STATES * NANOSAT_STATES]; /**< Covariance at the end. */
+    bool covariances;       /**< Whether P is read after each step: a step of the core, and words. */
+    /** Called after each step, with its number, the estimate, and P or NULL; NULL is nobody. */
+    void (*on_step)(void *context, uint32_t step, const ukf_real *x, const ukf_real *P,
+                    const struct ukf_record *record);
+    void *context; /**< First argument of on_step. */
+    ukf_real P[NANOSAT_STATES * NANOSAT_STATES]; /**< Covariance as last read; at the end, the last. */
     uint32_t errors;        /**< Steps that failed. */
     uint32_t recoveries;    /**< Failures after which it went on from the saved estimate. */
     struct ukf_fault fault; /**< Details of the last failure. */
@@ -67,6 +72,10 @@ struct nanosat_run {
  *
  * @return UKF_OK if the run came to its end; otherwise what ended it.
  */
-enum ukf_result nanosat_run(struct nanosat_run *run);
+enum ukf_result nanosat_execute(struct nanosat_run *run);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

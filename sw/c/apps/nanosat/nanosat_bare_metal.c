@@ -60,9 +60,11 @@ void nanosat_interrupt(void)
     ukf_bare_metal_interrupt(&state);
 }
 
-static void report(void *context, uint32_t step, const ukf_real *x, const struct ukf_record *record)
+static void note_step(void *context, uint32_t step, const ukf_real *x, const ukf_real *P,
+                      const struct ukf_record *record)
 {
     (void)context;
+    (void)P;
     (void)record;
     nanosat_outcome.steps = step + 1u;
     for (uint32_t i = 0; i < NANOSAT_STATES; i++) {
@@ -80,11 +82,11 @@ int main(void)
         .scenario = &ukf_scenario_data,
         .timeout_us = TIMEOUT_US,
         .save_interval = SAVE_INTERVAL,
-        .report = report,
+        .on_step = note_step,
     };
     const uint64_t start = now_us();
 
-    nanosat_outcome.result = nanosat_run(&run);
+    nanosat_outcome.result = nanosat_execute(&run);
     nanosat_outcome.errors = run.errors;
     nanosat_outcome.recoveries = run.recoveries;
     nanosat_outcome.microseconds = now_us() - start;

@@ -16,28 +16,17 @@ struct results {
     bool written;
 };
 
-static void report(void *context, uint32_t step, const ukf_real *x, const struct ukf_record *record)
+static void write_step(void *context, uint32_t step, const ukf_real *x, const ukf_real *P,
+                       const struct ukf_record *record)
 {
     struct results *results = context;
 
     results->written =
-        results->written && ukf_results_write(results->file, NANOSAT_STATES, x, record);
+        results->written && ukf_results_write(results->file, NANOSAT_STATES, x, P, record);
     if (record->result != UKF_OK) {
-        (void)fprintf(stderr, "step %" PRIu32 ": %s\n", step,
-                      ukf_result_name((enum ukf_result)record->result));
+        (void)fprintf(stderr, "step %" PRIu32 ": %s (%" PRIu32 ")\n", step,
+                      ukf_result_name((enum ukf_result)record->result), record->result);
     }
-}
-
-static bool write_covariance(FILE *file, const ukf_real *P)
-{
-    for (size_t i = 0; i < NANOSAT_STATES * NANOSAT_STATES; i++) {
-        const double value = (double)P[i];
-
-        if (fwrite(&value, sizeof value, 1, file) != 1) {
-            return false;
-        }
-    }
-    return true;
 }
 
 static void explain(const struct nanosat_run *run, enum ukf_result result)
@@ -52,7 +41,7 @@ static void explain(const struct nanosat_run *run, enum ukf_result result)
 }
 
 int nanosat_files(const struct ukf_port *port, const char *scenario_path, const char *results_path,
-                  uint32_t timeout_us)
+                  uint32_t timeout_us, bool covariances)
 {
     static const struct ukf_core core = UKF_CORE_INITIALISER;
     struct ukf_scenario scenario;
@@ -63,8 +52,9 @@ int nanosat_files(const struct ukf_port *port, const char *scenario_path, const 
         .scenario = &scenario,
         .timeout_us = timeout_us,
         .save_interval = SAVE_INTERVAL,
-        .report = report,
-        .report_context = &results,
+        .covariances = covariances,
+        .on_step = write_step,
+        .context = &results,
     };
     enum ukf_result result;
     const char *complaint = ukf_scenario_read(scenario_path, &scenario);
@@ -79,9 +69,10 @@ int nanosat_files(const struct ukf_port *port, const char *scenario_path, const 
         ukf_scenario_free(&scenario);
         return 1;
     }
-    result = nanosat_run(&run);
+    result = nanosat_execute(&run);
     if (result == UKF_OK) {
-        results.written = write_covariance(results.file, run.P) && results.written;
+        results.written = ukf_numbers_write(results.file, NANOSAT_STATES * NANOSAT_STATES, run.P) &&
+                          results.written;
     } else {
         explain(&run, result);
     }

@@ -14,17 +14,18 @@ extern "C" {
 /**
  * @brief Run a scenario on a core; prints a line about it, or an error.
  *
- * The file of results has, for each step, the estimate (7 doubles) and a struct ukf_record, and at
- * the end the covariance (7 by 7 doubles), if the run came to its end.
+ * The file of results has, for each step, what ukf_results_write() writes, and at the end the
+ * covariance (7 by 7 doubles), if the run came to its end.
  *
- * @param port       Way to a core that was generated with the ukf_core.h of this program.
- * @param scenario   From `ukf export`.
- * @param results    File to be written.
- * @param timeout_us How long to wait for a step, in microseconds.
+ * @param port        Way to a core that was generated with the ukf_core.h of this program.
+ * @param scenario    From `ukf export`.
+ * @param results     File to be written.
+ * @param timeout_us  How long to wait for a step, in microseconds.
+ * @param covariances Whether the results have the covariance after each step.
  * @return Exit code: 0, 1 if the core or a file failed, 2 if the scenario is not one.
  */
 int nanosat_files(const struct ukf_port *port, const char *scenario, const char *results,
-                  uint32_t timeout_us);
+                  uint32_t timeout_us, bool covariances);
 
 #ifdef __cplusplus
 }

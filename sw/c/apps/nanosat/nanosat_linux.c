@@ -47,7 +47,7 @@ int main(int count, char **arguments)
         return 1;
     }
     code = nanosat_files(&port, arguments[2], arguments[3],
-                         uio != NULL ? CORE_TIMEOUT_US : REMOTE_TIMEOUT_US);
+                         uio != NULL ? CORE_TIMEOUT_US : REMOTE_TIMEOUT_US, false);
     if (uio != NULL) {
         ukf_uio_close(&device);
     } else {

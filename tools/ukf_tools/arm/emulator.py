@@ -14,11 +14,11 @@ from pathlib import Path
 from ukf_sim.c_in_the_loop.compiler import (
     APPLICATION,
     DRIVER,
-    PROGRAM,
+    LINUX_MAIN,
     CompilerError,
     Toolchain,
     compile_c,
-    write_interfaces,
+    write_headers,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
 from ukf_sw.problems.scenario import Scenario
@@ -92,9 +92,9 @@ def run_on_arm(
     if shutil.which(EMULATOR[0]) is None:
         raise CompilerError(f"{EMULATOR[0]} is not installed")
     binary, _ = export_scenario(scenario, steps, folder)
-    write_interfaces(scenario.params, folder)
+    write_headers(scenario.params, folder)
     program = compile_c(
-        [*DRIVER, *APPLICATION, *PROGRAM], folder / "nanosat", [folder],
+        [*DRIVER, *APPLICATION, *LINUX_MAIN], folder / "nanosat", [folder],
         toolchain=Toolchain.CORTEX_A9, flags=("-static",),
     )  # fmt: skip
     results = folder / "results.bin"
