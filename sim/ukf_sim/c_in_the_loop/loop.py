@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from ukf_hdl.generate import NAME, generate
+from ukf_sim.builds import EXECUTABLE, Build, build_executable
 from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, INCLUDES, compile_objects
 from ukf_sim.session import CACHE, step_timeout
-from ukf_sim.simulators import PROGRAM, Build, SimulatorError, build_program
+from ukf_sim.simulators import SimulatorError
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
@@ -136,7 +137,7 @@ def run_c_in_the_loop(
     cache
         Folder of compiled programs.
     optimise
-        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
+        Whether to compile for speed; see :func:`ukf_sim.builds.build`.
     progress
         Called with what is being done: "generate", "compile", "run", "compare".
 
@@ -159,13 +160,13 @@ def run_c_in_the_loop(
         generate(scenario.params, pipeline, folder / "rtl")
         tell("compile")
         objects = compile_objects((*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl"])
-        built = build_program(
+        built = build_executable(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
             optimise=optimise,
         )  # fmt: skip
         tell("run")
         command = [
-            str(built.folder / PROGRAM), str(scenario_file), str(folder / "results.bin"),
+            str(built.folder / EXECUTABLE), str(scenario_file), str(folder / "results.bin"),
             str(folder / "report"), "interrupt" if interrupt else "polling", str(word_clocks),
             str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),
         ]  # fmt: skip
