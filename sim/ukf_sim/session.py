@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ukf_hdl.generate import NAME, generate
-from ukf_sim.simulators import Build, Simulator, SimulatorError, build, simulate
+from ukf_sim.builds import Build, build
+from ukf_sim.cocotb_run import run_cocotb
+from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.golden import GoldenCore
@@ -173,7 +175,7 @@ def cosimulate(
     cache
         Folder of compiled cores.
     optimise
-        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
+        Whether to compile for speed; see :func:`ukf_sim.builds.build`.
     progress
         Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
         a few times a second.
@@ -207,7 +209,7 @@ def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], Non
     def work() -> None:
         try:
             environment = {JOB_VARIABLE: str(folder)}
-            simulate(compiled, "ukf_sim.simulator_side", folder, environment=environment)
+            run_cocotb(compiled, "ukf_sim.simulator_side", folder, environment=environment)
         except SimulatorError as error:
             errors.append(error)
 

@@ -224,7 +224,7 @@ def test_a_difference_is_found(core_cache):
 
 
 def test_wrong_verilog_is_reported(tmp_path):
-    from ukf_sim.simulators import build
+    from ukf_sim.builds import build
 
     source = tmp_path / "broken.v"
     source.write_text("module broken(; endmodule\n", encoding="utf-8")
@@ -234,16 +234,17 @@ def test_wrong_verilog_is_reported(tmp_path):
 
 def test_module_without_tests_is_reported(core_cache, tmp_path):
     from ukf_hdl.generate import NAME, generate
-    from ukf_sim.simulators import build, simulate
+    from ukf_sim.builds import build
+    from ukf_sim.cocotb_run import run_cocotb
 
     generate(UkfParams(n=1, m=1), None, tmp_path)
     compiled = build(tmp_path / f"{NAME}.v", NAME, Simulator.VERILATOR, core_cache)
     with pytest.raises(SimulatorError, match=r"cocotb|[Nn]o test"):
-        simulate(compiled, "ukf_tools.evaluate.cosimulation_record", tmp_path / "run")
+        run_cocotb(compiled, "ukf_tools.evaluate.cosimulation_record", tmp_path / "run")
 
 
 def test_missing_simulator_is_reported(monkeypatch, tmp_path):
-    from ukf_sim.simulators import build
+    from ukf_sim.builds import build
 
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(SimulatorError, match="icarus is not installed"):

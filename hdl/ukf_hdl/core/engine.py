@@ -9,7 +9,7 @@ from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
 from ukf_hdl.core.processing_element import ProcessingElement
 from ukf_hdl.core.sequencer import Sequencer
 from ukf_sw.engine.adder_tree import adder_tree
-from ukf_sw.engine.control_word import BusSource
+from ukf_sw.engine.control_word import STEERING, BusSource
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
@@ -166,10 +166,7 @@ class Engine(wiring.Component):
         read, self._scalar_write = scalar_file.read_port(domain="comb"), scalar_file.write_port()
         m.d.comb += [read.addr.eq(word.scalar_address), self._scalar_write.data.eq(bus)]
         scalar = self._delay(m, read.data, 1, "scalar")
-        steering = {
-            name: self._delay(m, getattr(word, name), 1, name)
-            for name in ("use_scalar", "subtract", "zero")
-        }
+        steering = {name: self._delay(m, word[name], 1, name) for name in STEERING}
         for lane in lanes:
             m.d.comb += [
                 lane.address_0.eq(address_0),

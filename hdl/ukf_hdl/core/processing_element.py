@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.arithmetic.float_adder import FloatAdder
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
+from ukf_sw.engine.control_word import STEERING
 
 __all__ = ["ProcessingElement"]
 
@@ -42,8 +43,8 @@ class ProcessingElement(wiring.Component):
         Words to read.
     scalar : :py:`In(fmt.width)`
         Scalar operand.
-    use_scalar, subtract, zero : :py:`In(1)`
-        Steering of the operands.
+    use_scalar, zero, subtract : :py:`In(1)`
+        Steering of the operands: the fields of :py:`STEERING`.
     word_0 : :py:`Out(fmt.width)`
         Operand `c`: the first word, two clocks after its address.
     drop_product, in_tree : :py:`In(1)`
@@ -72,7 +73,7 @@ class ProcessingElement(wiring.Component):
         number, flag = fmt.width, 1
         super().__init__({
             "address_0": In(address_width), "address_1": In(address_width),
-            "scalar": In(number), "use_scalar": In(flag), "subtract": In(flag), "zero": In(flag),
+            "scalar": In(number), **{name: In(width) for name, width in STEERING.items()},
             "word_0": Out(number),
             "drop_product": In(flag), "in_tree": In(flag),
             "product": Out(number), "sum": Out(number), "left": In(number), "right": In(number),

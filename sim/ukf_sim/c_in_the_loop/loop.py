@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from ukf_hdl.generate import NAME, generate
+from ukf_sim.builds import EXECUTABLE, Build, build_executable
 from ukf_sim.c_in_the_loop.compiler import (
     APPLICATION,
     DRIVER,
@@ -26,7 +27,7 @@ from ukf_sim.c_in_the_loop.compiler import (
     compile_objects,
 )
 from ukf_sim.session import CACHE, step_timeout
-from ukf_sim.simulators import PROGRAM, Build, Simulator, SimulatorError, build_program, require
+from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
@@ -155,7 +156,7 @@ def run_c_in_the_loop(
     cache
         Folder of compiled programs.
     optimise
-        Whether to compile for speed; see :func:`ukf_sim.simulators.build`.
+        Whether to compile for speed; see :func:`ukf_sim.builds.build`.
     progress
         Called with what is being done: "generate", "compile", "run", "compare".
 
@@ -172,7 +173,7 @@ def run_c_in_the_loop(
     """
     tell = progress or (lambda what: None)
     Toolchain.NATIVE.require()
-    require(Simulator.VERILATOR)
+    Simulator.VERILATOR.require()
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")
@@ -182,13 +183,13 @@ def run_c_in_the_loop(
         objects = compile_objects(
             (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
         )
-        built = build_program(
+        built = build_executable(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
             optimise=optimise,
         )  # fmt: skip
         tell("run")
         command = [
-            str(built.folder / PROGRAM), str(scenario_file), str(folder / "results.bin"),
+            str(built.folder / EXECUTABLE), str(scenario_file), str(folder / "results.bin"),
             str(folder / "counts"), "interrupt" if interrupt else "polling",
             "covariances" if covariances else "estimates", str(word_clocks),
             str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.layout import Word
-from ukf_sw.engine.operations import Kind, Operation, Scalar
+from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.scheduler import Schedule
 from ukf_sw.engine.timing import READ_LATENCY
 from ukf_sw.spec.parameters import Pipeline
@@ -128,24 +128,24 @@ def _check_stages(
 ) -> int:
     """Take every stage that an operation passes through; give the clock of its result."""
     nodes, _ = adder_tree(pes)
-    end = issue
+    end, route = issue, operation.kind.route
     for k, _ in enumerate(operation.beats):
         clock = issue + k * pipeline.add
         take("read ports", clock, index)
         products = clock + READ_LATENCY + pipeline.multiply
-        if operation.kind is Kind.LOAD:
+        if route is Route.PORT:
             end = clock + READ_LATENCY + 1
-        elif operation.kind is Kind.DOT:
+        elif route is Route.TREE:
             for node in nodes:
                 take("adder", products + node.level * pipeline.add, index, node.lane)
             accumulate = products + levels * pipeline.add
             take("adder", accumulate, index, pes - 1)
             end = accumulate + pipeline.add
         else:
-            for lane in [pes - 1] if operation.kind is Kind.SCALE else range(pes):
+            for lane in [pes - 1] if route is Route.LAST_LANE else range(pes):
                 take("adder", products, index, lane)
             end = products + pipeline.add
-    if operation.kind in (Kind.LOAD, Kind.DOT, Kind.SCALE):
+    if route is not Route.LANES:
         take("scalar bus", end, index)
     if operation.destination is not None:
         take("write port", end, index)

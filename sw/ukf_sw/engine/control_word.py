@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["READ", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half"]
+__all__ = ["READ", "STEERING", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half"]
 
 
 class BusSource(IntEnum):
@@ -61,11 +61,15 @@ class Half(NamedTuple):
     once: tuple[str, ...]
 
 
+#: Fields that steer the operands of the lanes, with their widths: they go to every processing
+#: element as they are, beside the words of their clock.
+STEERING = {"use_scalar": 1, "zero": 1, "subtract": 1}
+
 READ = Half(
     name="read",
     fields=(
         "address_0", "bank_state_0", "bank_factor_0", "address_1", "bank_factor_1",
-        "scalar_address", "use_scalar", "zero", "subtract", "dot", "first", "select",
+        "scalar_address", *STEERING, "dot", "first", "select",
     ),
     counting=("address_0", "address_1"),
     once=("first",),
@@ -104,9 +108,9 @@ class ControlFormat:
         ``address_0``, ``bank_state_0``, ``bank_factor_0``, ``address_1``, ``bank_factor_1``
             Words on the read ports, and which bank bit completes their addresses.
         ``scalar_address``, ``use_scalar``
-            Operand a is the scalar and operand c is port 0, else a is port 0 and c is zero.
+            Operand a is the scalar, else port 0.
         ``zero``, ``subtract``
-            Operand c is zero; the product is subtracted.
+            Operand c is zero, else port 0; the product is subtracted.
         ``dot``, ``first``
             The adders form a tree; the accumulator starts from zero.
         ``select``
@@ -149,7 +153,7 @@ class ControlFormat:
             "select": max(lanes_width, (pes - 1).bit_length()), "write_lanes": lanes_width,
             "bus_source": 2, "pivot": rows.bit_length(),
             "lanes_observation": observations.bit_length(),
-            "bus_observation": observations.bit_length(),
+            "bus_observation": observations.bit_length(), **STEERING,
         }  # fmt: skip
         self.fields: dict[str, ControlField] = {}
         lsb = 0

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ukf_sw.engine.control_word import READ, WRITE, BusSource, ControlFormat, Half
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
-from ukf_sw.engine.operations import Kind, Operation, Scalar
+from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.packets import PacketStream
 from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
@@ -44,7 +44,7 @@ def allocate_scalars(plan: Schedule) -> dict[Scalar, int]:
     for operation, issue in zip(plan.operations, plan.issue, strict=True):
         scalar = operation.result
         if scalar is not None and (scalar in last_read or operation.destination is None):
-            written = issue + plan.timing.result(operation.kind, len(operation.beats))
+            written = issue + plan.timing.result(operation)
             born.append((written, scalar.number, scalar))
     registers: dict[Scalar, int] = {}
     free: list[int] = []
@@ -122,7 +122,7 @@ class Microcode:
             for operation in code.plan.operations:
                 if operation.destination is not None:
                     sets.add(operation.lanes)
-                if operation.kind is Kind.DOT:
+                if operation.kind.route is Route.TREE:
                     sets.update(beat.lanes for beat in operation.beats)
         self.lane_sets = tuple(sorted(sets))
         self.format = ControlFormat(
@@ -160,22 +160,19 @@ class Microcode:
             clock = issue
             for k, beat in enumerate(operation.beats):
                 clock = issue + k * self.timing.beat_interval
-                values: dict[str, int] = {}
-                if beat.word_0 is not None:
+                values = {"subtract": operation.subtract, **operation.kind.steering}
+                if beat.word_0 is None:
+                    values["zero"] = 1
+                else:
                     values |= _banked("address_0", "bank_{}_0", beat.word_0)
                 if beat.word_1 is not None:
                     values["address_1"] = beat.word_1[0]
                     values["bank_factor_1"] = beat.word_1[1] == BANK_FACTOR
                 if operation.scalar is not None:
-                    values["use_scalar"] = 1
                     values["scalar_address"] = code.registers[operation.scalar]
-                    values["zero"] = beat.word_0 is None
-                    values["subtract"] = operation.subtract
-                elif operation.kind is Kind.MULTIPLY:
-                    values["zero"] = 1
-                elif operation.kind is Kind.DOT:
-                    values |= {"dot": 1, "first": k == 0, "select": numbers[beat.lanes]}
-                else:
+                if operation.kind.route is Route.TREE:
+                    values |= {"first": k == 0, "select": numbers[beat.lanes]}
+                elif operation.kind.route is Route.PORT:
                     values["select"] = beat.lanes.bit_length() - 1
                 words[clock] |= self.format.encode(values)
             self._encode_writes(code, operation, issue, words, numbers)
@@ -189,7 +186,7 @@ class Microcode:
         words: list[int],
         numbers: dict[int, int],
     ) -> None:
-        clock = issue + self.timing.result(operation.kind, len(operation.beats))
+        clock = issue + self.timing.result(operation)
         values: dict[str, int] = {}
         if operation.destination is not None:
             values |= _banked("write_address", "write_bank_{}", operation.destination)
@@ -201,7 +198,7 @@ class Microcode:
         if operation.result in code.registers:
             values["scalar_write"] = 1
             values["scalar_write_address"] = code.registers[operation.result]
-        if operation.kind is Kind.LOAD:
+        if operation.kind.route is Route.PORT:
             values["bus_source"] = BusSource.LOAD
         if operation.pivot is not None:
             values["pivot"] = 1 + operation.pivot

@@ -12,32 +12,63 @@ the scheduler's affair.
 ``LOAD``           scalar = one lane of a word
 =================  =========================================================================
 
+:class:`Kind` is the one description of them: the way that an operation takes through the array
+decides when its result is there, what it occupies and where the result goes.
+
 A scalar result travels on the scalar bus: into the scalar file, into one or all lanes of a word,
 through the reciprocal square root into all lanes of a word, or any of these at once.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from ukf_sw.engine.layout import Layout, Vector, Word
 
-__all__ = ["Beat", "Kind", "Operation", "ProgramBuilder", "Scalar"]
+__all__ = ["Beat", "Kind", "Operation", "ProgramBuilder", "Route", "Scalar"]
+
+
+class Route(Enum):
+    """Way of an operation through the array."""
+
+    LANES = "lanes"  #: Multiplier and adder of every lane, result in the lanes.
+    LAST_LANE = "last lane"  #: Multiplier and adder of the last lane, result on the scalar bus.
+    TREE = "tree"  #: All multipliers, the adders as a tree, result on the scalar bus.
+    PORT = "port"  #: From port 0 of one lane to the scalar bus, past the units.
 
 
 class Kind(Enum):
-    """Kinds of operations."""
+    """Kinds of operations.
 
-    MULTIPLY = "multiply"
-    AXPY = "axpy"
-    SCALE = "scale"
-    DOT = "dot"
-    LOAD = "load"
+    Attributes
+    ----------
+    route : Route
+        Way through the array.
+    steering : Mapping of str to int
+        Fields of the control word that each of its beats sets, beside those of its operands.
+    """
+
+    route: Route
+    steering: Mapping[str, int]
+
+    MULTIPLY = "multiply", Route.LANES, {"zero": 1}
+    AXPY = "axpy", Route.LANES, {"use_scalar": 1}
+    SCALE = "scale", Route.LAST_LANE, {"use_scalar": 1}
+    DOT = "dot", Route.TREE, {"dot": 1}
+    LOAD = "load", Route.PORT
+
+    def __new__(cls, name: str, route: Route, steering: Mapping[str, int] | None = None) -> "Kind":
+        """Make a kind whose value is its name."""
+        kind = object.__new__(cls)
+        kind._value_ = name
+        kind.route = route
+        kind.steering = steering or {}
+        return kind
 
     @property
     def is_scalar(self) -> bool:
         """Whether the result travels on the scalar bus."""
-        return self in (Kind.SCALE, Kind.DOT, Kind.LOAD)
+        return self.route is not Route.LANES
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ukf_sw.engine.layout import BANK_NONE, Word
-from ukf_sw.engine.operations import Kind, Operation, Scalar
+from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.timing import Timing
 
 __all__ = ["Schedule", "schedule"]
@@ -55,7 +55,7 @@ def _dependences(operations: Sequence[Operation], timing: Timing) -> list[list[t
 
     for index, operation in enumerate(operations):
         distances: dict[int, int] = {}
-        delay = timing.result(operation.kind, len(operation.beats))
+        delay = timing.result(operation)
         waits: list[tuple[int, int]] = []  # predecessor, distance
         if operation.scalar is not None:
             writer, written = scalars[operation.scalar]
@@ -112,21 +112,21 @@ class _Reservations:
     def place(self, operation: Operation, ready: int) -> int:
         """Take the stages that an operation needs, from the earliest possible clock on."""
         timing = self._timing
-        kind, beats = operation.kind, len(operation.beats)
+        route, beats = operation.kind.route, len(operation.beats)
         taken = self._issue
-        if kind is Kind.DOT:
+        if route is Route.TREE:
             one = self._issue | self._no_dot
             taken = 0
             for k in range(beats):
                 taken |= one >> k * timing.beat_interval
-        elif kind is Kind.SCALE:
+        elif route is Route.LAST_LANE:
             taken |= self._no_scale
-        elif kind is not Kind.LOAD:
+        elif route is not Route.PORT:
             taken |= self._no_lanes
-        delay = timing.result(kind, beats)
+        delay = timing.result(operation)
         root = delay + timing.pipeline.reciprocal_sqrt
         on_port = [delay] * (operation.destination is not None) + [root] * bool(operation.root)
-        on_bus = [delay] * kind.is_scalar + [root] * bool(operation.root)
+        on_bus = [delay] * operation.kind.is_scalar + [root] * bool(operation.root)
         for offset in on_port:
             taken |= self._write_port >> offset
         for offset in on_bus:
@@ -143,12 +143,12 @@ class _Reservations:
         for k in range(beats):
             issue = clock + k * timing.beat_interval
             self._issue |= 1 << issue
-            if kind is Kind.DOT:
+            if route is Route.TREE:
                 for offset in levels:
                     self._no_lanes |= 1 << issue + offset
                 self._no_scale |= 1 << issue + timing.accumulate - timing.product
-            elif kind is not Kind.LOAD:
-                for offset in levels[-1:] if kind is Kind.SCALE else levels:
+            elif route is not Route.PORT:
+                for offset in levels[-1:] if route is Route.LAST_LANE else levels:
                     if issue >= offset:
                         self._no_dot |= 1 << issue - offset
         return clock
@@ -197,5 +197,5 @@ def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
 
 def _finish(operation: Operation, timing: Timing) -> int:
     """Clocks from issue until everything that the operation writes is written."""
-    end = timing.result(operation.kind, len(operation.beats)) + 1
+    end = timing.result(operation) + 1
     return end + (timing.pipeline.reciprocal_sqrt if operation.root else 0)

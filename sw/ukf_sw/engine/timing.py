@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ukf_sw.engine.operations import Kind
+from ukf_sw.engine.operations import Operation, Route
 from ukf_sw.spec.parameters import Pipeline
 
 __all__ = ["READ_LATENCY", "Timing"]
@@ -72,10 +72,12 @@ class Timing:
         """Issue of the last of several beats, from the first."""
         return (beats - 1) * self.beat_interval
 
-    def result(self, kind: Kind, beats: int) -> int:
+    def result(self, operation: Operation) -> int:
         """Clocks from the first issue until the result is written or on the scalar bus."""
-        if kind is Kind.DOT:
-            return self.last_beat(beats) + self.dot
-        if kind is Kind.LOAD:
-            return LOAD_LATENCY
-        return self.lanes
+        match operation.kind.route:
+            case Route.TREE:
+                return self.last_beat(len(operation.beats)) + self.dot
+            case Route.PORT:
+                return LOAD_LATENCY
+            case Route.LANES | Route.LAST_LANE:
+                return self.lanes

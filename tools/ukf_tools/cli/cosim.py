@@ -1,13 +1,13 @@
 """Command ``ukf cosim``."""
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
+from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.problems.configurations import Problem
 from ukf_tools.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
 from ukf_tools.cli.judgement import print_accuracy, print_stop
@@ -26,13 +26,6 @@ from ukf_tools.cli.options import (
 __all__ = ["cosim"]
 
 
-class SimulatorName(StrEnum):
-    """Simulators."""
-
-    VERILATOR = "verilator"
-    ICARUS = "icarus"
-
-
 @with_core
 def cosim(
     core: Core,
@@ -43,8 +36,8 @@ def cosim(
     p0: P0Option = 1.0,
     plot: PlotOption = None,
     simulator: Annotated[
-        SimulatorName, typer.Option("--simulator", help="Simulator.", rich_help_panel=COSIM)
-    ] = SimulatorName.VERILATOR,
+        Simulator, typer.Option("--simulator", help="Simulator.", rich_help_panel=COSIM)
+    ] = Simulator.VERILATOR,
     interrupt: InterruptOption = True,
     bus_latency: BusLatencyOption = 0.0,
     cache: Annotated[
@@ -64,7 +57,6 @@ def cosim(
         problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
         scenario = problem.scenario(steps)
     from ukf_sim.session import Job, cosimulate
-    from ukf_sim.simulators import Simulator, SimulatorError
     from ukf_sw.problems.judging import make_backend, run_problem
     from ukf_tools.evaluate.cosimulation_record import cosimulation_record
     from ukf_tools.evaluate.plots import plot_errors
@@ -78,10 +70,9 @@ def cosim(
         interrupt=interrupt,
         word_clocks=bus_latency,
     )
-    chosen = Simulator(simulator.value)
     phases = {
         "generate": "Generating Verilog",
-        "compile": f"Compiling for {chosen.value}",
+        "compile": f"Compiling for {simulator.value}",
         "simulate": "Simulating",
     }
     with progress_bars() as bars:
@@ -92,10 +83,10 @@ def cosim(
             bars.update(bar, description=phases[phase], completed=done, total=total)
 
         try:
-            outcome = cosimulate(job, chosen, cache=cache, progress=tell)
+            outcome = cosimulate(job, simulator, cache=cache, progress=tell)
         except SimulatorError as error:
             fail(str(error), 1)
-    record = cosimulation_record(problem, job, chosen, steps, outcome, reference)
+    record = cosimulation_record(problem, job, simulator, steps, outcome, reference)
     image = plot or cache.parent / "plots" / f"cosim-{core.stem}.png"
     if len(outcome.result["x"]):
         count = len(outcome.result["x"])

@@ -1,0 +1,221 @@
+"""Compiled Verilog, kept in a folder so that nothing is compiled twice."""
+
+import fcntl
+import hashlib
+import json
+import platform
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cocotb_tools.config
+from cocotb_tools.runner import get_runner
+
+from ukf_sim.simulators import Simulator, SimulatorError, tool_environment
+
+__all__ = ["EXECUTABLE", "Build", "build", "build_executable"]
+
+#: Name of the executable of :func:`build_executable`.
+EXECUTABLE = "program"
+
+_DONE = "built.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Build:
+    """Compiled Verilog.
+
+    Parameters
+    ----------
+    simulator
+        For which simulator.
+    top
+        Name of the module.
+    folder
+        Where it is.
+    compiled
+        Whether it was compiled now, and not found compiled.
+    seconds
+        How long that took.
+    """
+
+    simulator: Simulator
+    top: str
+    folder: Path
+    compiled: bool
+    seconds: float
+
+
+def build(
+    verilog: Path, top: str, simulator: Simulator, cache: Path, *, optimise: bool = True
+) -> Build:
+    """Compile Verilog for cocotb, unless the same has been compiled before.
+
+    Parameters
+    ----------
+    verilog
+        Source.
+    top
+        Name of the module to simulate.
+    simulator
+        For which simulator.
+    cache
+        Folder of compiled sources; made if absent. Processes may share it.
+    optimise
+        Whether to compile for speed; if not, Verilator's compiler takes half the time, which pays
+        for runs of seconds.
+
+    Returns
+    -------
+    Build
+
+    Raises
+    ------
+    SimulatorError
+        If the simulator is not installed or does not compile the source.
+    """
+    simulator.require()
+    tool = simulator.tool
+    make_flags = simulator.make_flags(optimise)
+    flags = [*tool.cocotb_flags, *tool.flags]
+    name, settings = tool.cocotb_settings or ("", "")
+    settings = settings.format(top=top)
+    identity = {
+        "verilog": hashlib.sha256(verilog.read_bytes()).hexdigest(),
+        "top": top,
+        "simulator": [simulator.value, simulator.version],
+        "flags": [*flags, make_flags, settings],
+        # The executable is linked to these.
+        "cocotb": [version("cocotb"), str(cocotb_tools.config.libs_dir)],
+        "python": platform.python_version(),
+    }
+
+    def compile_into(folder: Path) -> None:
+        arguments = list(flags)
+        if settings:
+            (folder / name).write_text(settings, encoding="utf-8")
+            arguments.append(str(folder / name))
+        log = folder / "build.log"
+        try:
+            with tool_environment(make_flags):
+                get_runner(simulator.value).build(
+                    sources=[verilog.resolve()],
+                    hdl_toplevel=top,
+                    build_dir=folder,
+                    build_args=arguments,
+                    timescale=("1ns", "1ps"),
+                    always=True,
+                    log_file=log,
+                )
+        except (RuntimeError, SystemExit, OSError) as error:
+            raise SimulatorError.with_log(
+                f"{simulator.value} failed to compile {verilog} ({error})", log
+            ) from error
+
+    return _cached(cache, identity, simulator, top, compile_into)
+
+
+def build_executable(
+    verilog: Path,
+    top: str,
+    sources: Sequence[Path],
+    objects: Sequence[Path],
+    cache: Path,
+    *,
+    includes: Sequence[Path] = (),
+    optimise: bool = True,
+) -> Build:
+    """Compile Verilog with Verilator into a program of its own, unless that was done before.
+
+    Parameters
+    ----------
+    verilog
+        Source.
+    top
+        Name of the module; the model is the C++ class V``top``.
+    sources
+        C++ sources, with ``main``.
+    objects
+        Compiled code to link. All files have different names.
+    cache
+        Folder of compiled sources, as for :func:`build`.
+    includes
+        Folders of headers.
+    optimise
+        As for :func:`build`.
+
+    Returns
+    -------
+    Build
+        Its folder has the executable :data:`EXECUTABLE`.
+
+    Raises
+    ------
+    SimulatorError
+        If Verilator is not installed or does not compile the source.
+    """
+    simulator = Simulator.VERILATOR
+    simulator.require()
+    make_flags = simulator.make_flags(optimise)
+    flags = simulator.tool.flags
+    # What is compiled is what was hashed, even if somebody edits the files meanwhile.
+    inputs = {path.name: path.read_bytes() for path in (verilog, *sources, *objects)}
+    identity = {
+        "inputs": {name: hashlib.sha256(text).hexdigest() for name, text in inputs.items()},
+        "top": top,
+        "simulator": [simulator.value, simulator.version],
+        "flags": [*flags, make_flags],
+    }
+
+    def compile_into(folder: Path) -> None:
+        copies = [folder / "inputs" / name for name in inputs]
+        copies[0].parent.mkdir()
+        for copy, text in zip(copies, inputs.values(), strict=True):
+            copy.write_bytes(text)
+        command = [
+            "verilator", "--cc", "--exe", "--build", *flags, "--top-module", top,
+            "--Mdir", str(folder), "-o", EXECUTABLE,
+            "-CFLAGS", " ".join(f"-I{path.resolve()}" for path in includes),
+            *map(str, copies),
+        ]  # fmt: skip
+        log = folder / "build.log"
+        with tool_environment(make_flags), log.open("w", encoding="utf-8") as output:
+            code = subprocess.run(command, stdout=output, stderr=output, check=False).returncode
+        if code:
+            raise SimulatorError.with_log(f"verilator failed to compile {verilog}", log)
+
+    return _cached(cache, identity, simulator, top, compile_into)
+
+
+def _cached(
+    cache: Path,
+    identity: dict[str, Any],
+    simulator: Simulator,
+    top: str,
+    compile_into: Callable[[Path], None],
+) -> Build:
+    """Compile into a folder of the cache, unless the same has been compiled before."""
+    key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:24]
+    folder = (cache / key).resolve()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    start = time.monotonic()
+    with (folder.parent / f"{key}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        compiled = not (folder / _DONE).exists()
+        if compiled:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            compile_into(folder)
+            (folder / _DONE).write_text(json.dumps(identity, indent=2), encoding="utf-8")
+    return Build(
+        simulator=simulator,
+        top=top,
+        folder=folder,
+        compiled=compiled,
+        seconds=time.monotonic() - start,
+    )
