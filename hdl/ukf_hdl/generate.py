@@ -3,6 +3,7 @@
 import json
 import os
 from contextlib import contextmanager
+from itertools import dropwhile
 from pathlib import Path
 
 import amaranth
@@ -17,6 +18,7 @@ from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
+from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import DATA_WIDTH, REGISTERS
@@ -28,7 +30,9 @@ __all__ = [
     "Toplevel",
     "description",
     "generate",
+    "header",
     "interface_files",
+    "without_header",
 ]
 
 #: Name of the Verilog module and stem of the files.
@@ -129,33 +133,12 @@ def description(core: UkfCore) -> dict:
     dict
         Of lists, dicts, strings and numbers, ready for JSON.
     """
-    params, pipeline = core.params, core.pipeline
-    memory_map = MemoryMap(params)
+    memory_map = MemoryMap(core.params)
     return {
         "name": NAME,
         "version": __version__,
         "amaranth": amaranth.__version__,
-        "parameters": {
-            "n": params.n,
-            "m": params.m,
-            "q": params.q,
-            "r": params.r,
-            "process_noise": params.process_noise.value,
-            "observation_noise": params.observation_noise.value,
-            "W0": params.W0,
-            "form": params.form.value,
-            "format": {
-                "name": params.format.name,
-                "exponent_bits": params.format.exponent_bits,
-                "fraction_bits": params.format.fraction_bits,
-            },
-            "pes": params.pes,
-        },
-        "pipeline": {
-            "multiply": pipeline.multiply,
-            "add": pipeline.add,
-            "reciprocal_sqrt": pipeline.reciprocal_sqrt,
-        },
+        **Core(params=core.params, pipeline=core.pipeline).record(),
         "address_width": memory_map.address_width,
         "element_bytes": memory_map.element_bytes,
         "row_stride": memory_map.row_stride,
@@ -238,6 +221,44 @@ def interface_files(
     }
 
 
+#: What each line of the header of the Verilog begins with.
+_COMMENT = "//"
+
+
+def header(core: UkfCore) -> str:
+    """Render the comment that the Verilog begins with: which core it is, and who wrote it.
+
+    Parameters
+    ----------
+    core
+        The core.
+    """
+    values = Core(params=core.params, pipeline=core.pipeline).values()
+    texts = {label: PARAMETERS[label].text(value) for label, value in values.items()}
+    wide, high = (max(map(len, column)) for column in (texts.keys(), texts.values()))
+    lines = [
+        f" Unscented Kalman filter core. Written by ukf-core {__version__}, do not edit.",
+        "",
+        *(
+            f"   {label:{wide}}  {text:{high}}  {PARAMETERS[label].meaning.doc}"
+            for label, text in texts.items()
+        ),
+    ]
+    return "".join(f"{_COMMENT}{line}\n" for line in lines) + "\n"
+
+
+def without_header(text: str) -> str:
+    """Give Verilog without its :func:`header`: what there is to synthesise.
+
+    Parameters
+    ----------
+    text
+        The Verilog.
+    """
+    lines = text.splitlines(keepends=True)
+    return "".join(dropwhile(lambda line: line.startswith((_COMMENT, "\n")), lines))
+
+
 @contextmanager
 def _builtin_yosys():
     """Have Amaranth use the Yosys that came with it: others write other bytes."""
@@ -291,7 +312,7 @@ def generate(
     interfaces = interface_files(core, base_address=base_address, interrupt=interrupt)
     with _builtin_yosys():
         text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
-    files = {f"{NAME}.v": text, **interfaces}
+    files = {f"{NAME}.v": header(core) + text, **interfaces}
     for file, content in files.items():
         (output / file).parent.mkdir(parents=True, exist_ok=True)
         (output / file).write_text(content, encoding="utf-8")

@@ -9,7 +9,9 @@ from support.stub_engine import StubEngine
 from ukf_hdl.core.control import Control
 from ukf_hdl.core.soc import csr
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import NAME, description, generate
+from ukf_hdl.generate import NAME, description, generate, without_header
+from ukf_sw import __version__
+from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.float_format import BINARY16, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -79,6 +81,22 @@ def test_ports_are_the_public_interface(params, tmp_path):
         name: (direction, width if bits is None else bits)
         for name, (direction, bits) in PORTS.items()
     }
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_verilog_says_which_core_it_is(params, tmp_path):
+    pipeline = Pipeline(add=5)
+    paths = generate(params, pipeline, tmp_path, engine=StubEngine(params))
+    text = paths[0].read_text(encoding="utf-8")
+    head, _, rest = text.partition("\n\n")
+    assert all(line.startswith("//") for line in head.splitlines())
+    assert f"ukf-core {__version__}," in head.splitlines()[0]
+    said = dict(re.findall(r"^//   (\S+) +(\S+)", head, re.MULTILINE))
+    core = Core(params=params, pipeline=pipeline)
+    assert Core.from_values({name: PARAMETERS[name].read(said[name]) for name in said}) == core
+    assert list(said) == list(PARAMETERS)
+    assert without_header(text) == rest
+    assert f"module {NAME}(" in rest
 
 
 def test_vivado_can_infer_the_interfaces(tmp_path):

@@ -7,14 +7,41 @@ import sys
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
+from ukf_sw import __version__
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import PARAMETERS
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
+from ukf_tools.cli import app
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+
+
+def test_version(ukf):
+    assert ukf("--version").stdout == f"{__version__}\n"
+
+
+def test_module_is_the_command(ukf):
+    result = subprocess.run(
+        [sys.executable, "-m", "ukf_tools", "latency", *TINY, "--json"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert result.stdout == ukf("latency", *TINY, "--json").stdout
+
+
+def test_commands_have_the_same_options_of_a_core():
+    commands = get_command(app).commands
+    expected = {"configuration", *PARAMETERS}
+    for name in ("generate", "latency", "cosim", "run", "resources", "timing", "sweep", "package",
+                 "testbench", "export", "c-loop", "c-arm"):  # fmt: skip
+        options = {option.name: option.opts for option in commands[name].params}
+        assert expected <= options.keys(), name
+        assert options["W0"] == ["--w0"]
+        assert options["multiply_stages"] == ["--multiply-stages"]
 
 
 def test_help_names_the_commands(ukf):
@@ -54,7 +81,7 @@ def test_latency_depends_on_the_pipeline(ukf):
     pipeline = Pipeline(multiply=5, add=6, reciprocal_sqrt=12)
     clocks = microcode(TINY_PARAMS, pipeline).clocks(Program.UPDATE)
     assert record["steps"]["UPDATE"] == clocks
-    assert record["parameters"]["pipeline"] == {"multiply": 5, "add": 6, "reciprocal_sqrt": 12}
+    assert record["pipeline"] == {"multiply": 5, "add": 6, "reciprocal_sqrt": 12}
 
 
 @pytest.mark.parametrize(
@@ -243,11 +270,17 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("latency", "--n", 3), "--config, or at least --n and --m, must be given"),
         (("latency", "--config", "nanosat", "--n", 3), "give it or them, not both"),
         (("latency", "--config", "nanosat", "--process-noise", "additive"), "not both"),
-        (("latency", "--config", "nanosat", "--pes", 23), "pes must be between 1 and"),
-        (("latency", "--config", "nanosat", "--pes", 0), "pes must be between 1 and"),
+        (
+            ("latency", "--config", "nanosat", "--pes", 23),
+            "pes must be between 1 and the number of columns, 22",
+        ),
+        (("latency", "--config", "nanosat", "--pes", 0), "pes must be at least 1, not 0"),
         (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),
         (("latency", "--n", 2, "--m", 1, "--w0", 1.5), "W0 must be at least 0 and less than 1"),
-        (("latency", "--n", 2, "--m", 1, "--format", "fp32"), "--format must be one of binary16"),
+        (
+            ("latency", "--n", 2, "--m", 1, "--format", "fp32"),
+            "--format: format must be one of binary16",
+        ),
         (("latency", "--n", 2, "--m", 1, "--format", "float99.3"), "Exponent bits must be"),
         (("latency", "--n", 2, "--m", 1, "--add-stages", 0), "add must be between 1 and 8"),
         (("latency", "--n", 2, "--m", 1, "--form", "cubic"), "'--form'"),

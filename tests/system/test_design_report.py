@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.float_format import BINARY16, BINARY32
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_tools.cli.lists import numbers
@@ -19,8 +20,10 @@ from ukf_tools.design_report.tables import tables
 from ukf_tools.design_space.devices import DEVICES
 from ukf_tools.design_space.points import Point
 from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
-from ukf_tools.estimate import ecp5, resources
+from ukf_tools.estimate import ecp5, series7
 from ukf_tools.estimate.latency import latency
+
+NANOSAT_CORE = Core(params=NANOSAT, configuration="nanosat")
 
 
 def row(point, *, cycles, lut, ratio=1.0, stopped=None):
@@ -35,7 +38,8 @@ def row(point, *, cycles, lut, ratio=1.0, stopped=None):
             "words_read": 70, "words_written": 292, "control_reads": 7, "control_writes": 3
         },
         "resources": {
-            "cells": {"LUT6": lut, "FDRE": lut // 2, "DSP48E1": 2 + 2 * point.pes, "RAMB36E1": 5},
+            "cells": {"LUT6": lut, "FDRE": lut // 2, "RAMB36E1": 5,
+                      "DSP48E1": 2 + 2 * point.cells()["pes"]},
             "path_ps": 4400,
         },
         "accuracy": {
@@ -59,9 +63,7 @@ def rows():
     for form in Form:
         for kind in (BINARY32, BINARY16):
             for pes in (1, 2, 10):
-                point = Point(
-                    configuration="nanosat", base=NANOSAT, pes=pes, form=form, format=kind
-                )
+                point = Point.of(NANOSAT_CORE, pes=pes, form=form, format=kind)
                 wide = kind is BINARY32
                 fixed = 400 if form is Form.SQUARE_ROOT else 300
                 made.append(
@@ -71,7 +73,7 @@ def rows():
                         stopped=stopped if form is Form.COVARIANCE and not wide else None,
                     )
                 )  # fmt: skip
-    illegal = Point(configuration="nanosat", base=NANOSAT, pes=99)
+    illegal = Point.of(NANOSAT_CORE, pes=99)
     made.append(figures(illegal, {}, {"core": "pes must be <less>"}, Conditions()))
     return made
 
@@ -108,21 +110,21 @@ def test_device_is_the_papers():
 
 def test_series_have_what_differs(rows):
     series = in_series(rows)
-    assert list(series)[:2] == ["square-root, binary32", "square-root, binary16"]
-    assert [entry["pes"] for entry in series["square-root, binary32"]] == [1, 2, 10, 99]
-    assert list(in_series(rows[:3])) == ["square-root"]
+    assert list(series)[:2] == ["square-root form, binary32", "square-root form, binary16"]
+    assert [entry["pes"] for entry in series["square-root form, binary32"]] == [1, 2, 10, 99]
+    assert list(in_series(rows[:3])) == ["square-root form"]
 
 
 def test_series_of_sizes():
     made = [
-        row(Point(base=UkfParams(n=n, m=1)), cycles=100 * n, lut=100) for n in (2, 4)
+        row(Point.of(Core(params=UkfParams(n=n, m=1))), cycles=100 * n, lut=100) for n in (2, 4)
     ]  # fmt: skip
-    assert list(in_series(made)) == ["n 2", "n 4"]
+    assert list(in_series(made)) == ["n = 2", "n = 4"]
 
 
 def test_growth_finds_the_power():
     made = [
-        row(Point(base=UkfParams(n=n, m=1), pes=2), cycles=4 * n**3, lut=1000 * n)
+        row(Point.of(Core(params=UkfParams(n=n, m=1)), pes=2), cycles=4 * n**3, lut=1000 * n)
         for n in (4, 8, 16, 32)
     ]
     found = {(g.figure, g.over): g for g in growths(made)}
@@ -174,7 +176,7 @@ def test_charts_have_the_figures(rows):
     paper = values_of(charts["latency-paper"].spec)
     assert sum(v["time"] for v in paper if v["core"] == "2") == paper_2018.LATENCY[2].core
     lut = values_of(charts["resources-lut"].spec)
-    assert {"series": "square-root, binary32", "pes": 10, "value": 9700} in lut
+    assert {"series": "square-root form, binary32", "pes": 10, "value": 9700} in lut
     assert {"series": PAPER, "pes": 10, "value": 53427} in lut
     front = values_of(charts["front"].spec)
     assert {"series": PAPER, "lut": 5764, "cycles": 22600, "pes": 1} in front
@@ -184,14 +186,17 @@ def test_charts_have_the_figures(rows):
 
 
 def test_series_of_one_core_share_a_chart():
-    made = [row(Point(base=UkfParams(n=n, m=1)), cycles=100 * n, lut=100) for n in (2, 4)]
+    made = [
+        row(Point.of(Core(params=UkfParams(n=n, m=1))), cycles=100 * n, lut=100) for n in (2, 4)
+    ]
     (chart,) = (chart for chart in draw(made) if chart.section == "Latency")
-    assert {value["core"] for value in values_of(chart.spec)} == {"n 2", "n 4"}
+    assert {value["core"] for value in values_of(chart.spec)} == {"n = 2", "n = 4"}
 
 
 def test_papers_figures_stand_beside_equal_problems_only():
     made = [
-        row(Point(base=UkfParams(n=3, m=1), pes=pes), cycles=500, lut=900 * pes) for pes in (1, 2)
+        row(Point.of(Core(params=UkfParams(n=3, m=1)), pes=pes), cycles=500, lut=900 * pes)
+        for pes in (1, 2)
     ]
     assert not any(
         value.get("series") == PAPER for chart in draw(made) for value in values_of(chart.spec)
@@ -203,17 +208,17 @@ def test_tables_have_the_papers_figures(rows):
     found = {table.title: table for table in tables(rows)}
     second = found["Table 2: resources"]
     assert [cell.text for cell in second.rows[2]][:4] == [
-        "square-root, binary32", "10", "9\u202f700", "53\u202f427",
+        "square-root form, binary32", "10", "9\u202f700", "53\u202f427",
     ]  # fmt: skip
     fourth = found["Table 4: time of an iteration in µs"]
     assert [cell.text for cell in fourth.rows[1]] == [
-        "square-root, binary32", "2", "7.25", "21.75", "29.00", "135.0", "58.0", "116", "87.0",
+        "square-root form, binary32", "2", "7.25", "21.75", "29.00", "135.0", "58.0", "116", "87.0",
         "251.0",
     ]  # fmt: skip
 
 
 def test_core_that_does_not_fit_is_marked():
-    point = Point(configuration="nanosat", base=NANOSAT, pes=1)
+    point = Point.of(NANOSAT_CORE, pes=1)
     (table,) = (t for t in tables([row(point, cycles=100, lut=20_000)]) if t.section == "Devices")
     assert [cell.bad for cell in table.rows[0][2:6]] == [True, False, False, False]
     assert table.rows[0][2].text == "113.6%"
@@ -331,8 +336,11 @@ def test_sweep_with_a_bad_point(ukf):
         (("--config", "nanosat", "--pes", "1,,2"), "--pes must be a list like a,b, not '1,,2'"),
         (("--config", "nanosat", "--pes", "x"), "--pes must be a list like 1,2,4-6, not 'x'"),
         (("--config", "nanosat", "--pes", "3-1"), "--pes must have at least one number"),
-        (("--config", "nanosat", "--form", "round"), "--form: 'round' is not a valid Form"),
-        (("--config", "nanosat", "--format", "x"), "--format: --format must be one of"),
+        (
+            ("--config", "nanosat", "--form", "round"),
+            "--form: form must be one of square-root, covariance, not 'round'",
+        ),
+        (("--config", "nanosat", "--format", "x"), "--format: format must be one of"),
         (("--config", "nanosat", "--accuracy", "x"), "application must be one of nanosat"),
         (("--config", "nanosat", "--accuracy", "pendulum"), "--accuracy must have the sizes"),
         (("--config", "nanosat", "--clock-mhz", "0"), "clock must be more than 0 MHz"),
@@ -380,7 +388,7 @@ def test_figures_of_routing():
     assert (found["lut4"], found["ff"], found["multipliers"], found["block_rams"]) == (
         5000, 900, 4, 30,
     )  # fmt: skip
-    with pytest.raises(resources.YosysError, match=r"^nextpnr reported no clock$"):
+    with pytest.raises(series7.YosysError, match=r"^nextpnr reported no clock$"):
         ecp5.routed_figures({"fmax": {}})
 
 
@@ -388,8 +396,8 @@ def test_figures_of_routing():
 def netlist(monkeypatch):
     """A netlist that takes no time."""
     cells = {"LUT6": 1000, "SRL16E": 3, "FDRE": 500, "DSP48E1": 8, "RAMB36E1": 6, "RAMB18E1": 1}
-    made = resources.Netlist(cells=cells, path_ps=4500)
-    monkeypatch.setattr(resources, "synthesise", lambda file: made)
+    made = series7.Netlist(cells=cells, path_ps=4500)
+    monkeypatch.setattr(series7, "synthesise", lambda file: made)
 
 
 def test_resources(ukf, netlist):
@@ -424,6 +432,6 @@ def test_resources_without_yosys(ukf, monkeypatch):
     def absent(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(resources, "version", absent)
+    monkeypatch.setattr(series7, "version", absent)
     text = ukf("resources", "--n", 1, "--m", 1, code=1).stderr
     assert "Install the dependency group `synth`" in text

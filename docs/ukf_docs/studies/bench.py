@@ -23,6 +23,7 @@ from ukf_sw.problems.judging import make_backend, run_problem
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = ["MEASURED", "markdown", "measure", "run_filterpy"]
@@ -170,10 +171,11 @@ def _sweep() -> dict[str, float]:
     """Points a second of a sweep without synthesis, in this process, and from the cache."""
     from ukf_tools.design_space.cache import Cache
     from ukf_tools.design_space.executors import LocalExecutor
-    from ukf_tools.design_space.points import grid
+    from ukf_tools.design_space.points import Point, grid
     from ukf_tools.design_space.sweep import Questions, sweep
 
-    points = grid([("nanosat", NANOSAT)], pes=range(1, 23), pipelines=(Pipeline(), Pipeline(add=3)))
+    nanosat = Point.of(Core(params=NANOSAT, configuration="nanosat"))
+    points = grid([nanosat], pes=range(1, 23), add_stages=(2, 3))
     with tempfile.TemporaryDirectory() as folder:
         cache, executor = Cache(Path(folder)), LocalExecutor()
         first = sweep(points, Questions(resources=False), cache, executor)
@@ -208,7 +210,7 @@ def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
             "python": platform.python_version(),
             "load": round(os.getloadavg()[0], 2),
         },
-        "configuration": f"nanosat, square-root form, binary32, {PES} PEs",
+        "configuration": Core(params=replace(NANOSAT, pes=PES), configuration="nanosat").title,
     }
     with Progress() as bars:
         jobs = {

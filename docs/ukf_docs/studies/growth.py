@@ -8,7 +8,8 @@ from typing import Any
 from rich.progress import Progress
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
-from ukf_sw.spec.parameters import Form, UkfParams
+from ukf_sw.spec.core import Core
+from ukf_sw.spec.parameters import Form
 from ukf_tools.design_report.growth import growths
 from ukf_tools.design_space.cache import CACHE, Cache
 from ukf_tools.design_space.executors import LocalExecutor
@@ -27,11 +28,11 @@ FIXED_PES = (2, 8)
 
 def points() -> list[Point]:
     """Cores of both studies: states at fixed processing elements, and the other way round."""
-    sizes = [(None, UkfParams(n=n, m=6, q=n, r=6)) for n in STATES]
+    nanosat = Point.of(Core(params=NANOSAT, configuration="nanosat"))
     forms = tuple(Form)
     return [
-        *grid(sizes, pes=FIXED_PES, forms=forms),
-        *grid([("nanosat", NANOSAT)], pes=range(1, NANOSAT.columns + 1), forms=forms),
+        *grid([Point()], n=STATES, m=(6,), q=("n",), r=(6,), pes=FIXED_PES, form=forms),
+        *grid([nanosat], pes=range(1, NANOSAT.columns + 1), form=forms),
     ]
 
 

@@ -8,17 +8,20 @@ from typing import Any
 from rich.progress import Progress
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.design_report import paper_2018
 from ukf_tools.design_space.cache import CACHE, Cache
 from ukf_tools.design_space.parts import Synthesis
 from ukf_tools.design_space.sweep import find
-from ukf_tools.estimate.resources import FLOW, Netlist, tool_version
+from ukf_tools.estimate.series7 import FLOW, Netlist, tool_version
 
 __all__ = ["MEASURED", "markdown"]
 
 #: Numbers of processing elements of the 2018 paper's table 2.
 PES = (1, 2, 5, 10)
+#: The core, but for its number of processing elements.
+CORE = Core(params=NANOSAT, configuration="nanosat")
 #: Where the figures of the README come from.
 MEASURED = Path(__file__).parents[2] / "measured" / "resources.json"
 
@@ -52,7 +55,7 @@ def main() -> None:
             rows[str(pes)] = Netlist(**find(part, Cache(CACHE))).resources.as_dict()
     MEASURED.parent.mkdir(parents=True, exist_ok=True)
     record = {
-        "configuration": "nanosat, square-root form, binary32, default pipeline depths",
+        "configuration": f"{CORE.title_without('pes')}, default pipeline depths",
         "tool": f"{tool_version()}, {FLOW}",
         "pes": rows,
     }

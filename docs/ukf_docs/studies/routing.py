@@ -8,14 +8,17 @@ from typing import Any
 from rich.progress import Progress
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.design_space.cache import CACHE, Cache
 from ukf_tools.design_space.parts import Routing
 from ukf_tools.design_space.sweep import find
-from ukf_tools.estimate import ecp5, resources
+from ukf_tools.estimate import ecp5, series7
 
 __all__ = ["MEASURED", "markdown"]
 
+#: The core, but for its number of processing elements.
+CORE = Core(params=NANOSAT, configuration="nanosat")
 #: Where the figures of the documentation come from.
 MEASURED = Path(__file__).parents[2] / "measured" / "ecp5.json"
 #: What is routed for them: processing elements, and seed of the placement. 10 take ten minutes.
@@ -47,8 +50,8 @@ def main() -> None:
             part = Routing(params=replace(NANOSAT, pes=pes), pipeline=Pipeline(), seed=seed)
             rows.append({"pes": pes, "seed": seed, **find(part, Cache(CACHE))})
     record = {
-        "configuration": "nanosat, square-root form, binary32, default pipeline depths",
-        "tools": f"{resources.tool_version()}, {ecp5.tool_version()}",
+        "configuration": f"{CORE.title_without('pes')}, default pipeline depths",
+        "tools": f"{series7.tool_version()}, {ecp5.tool_version()}",
         "rows": rows,
     }
     MEASURED.parent.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Flag, Way
 
 __all__ = ["register_page"]
@@ -15,21 +16,10 @@ def register_page(record: dict[str, Any]) -> str:
     record
         Description of the core.
     """
-    parameters = record["parameters"]
-    number_format = parameters["format"]
-    sizes = ", ".join(f"{name} = {parameters[name]}" for name in "nqrm")
-    noises = (
-        f"process noise {parameters['process_noise']}, "
-        f"observation noise {parameters['observation_noise']}"
-    )
-    built = (
-        f"{parameters['form']} form, {number_format['name']}, "
-        f"{parameters['pes']} processing element{'s' * (parameters['pes'] != 1)}"
-    )
     lines = [
         f"# Registers of {record['name']}",
         "",
-        f"{sizes}; {noises}; {built}.",
+        f"{Core.from_record(record).description}.",
         "",
         f"Addresses are in bytes, {record['address_width']} bits wide. A word has 32 bits.",
         "",

@@ -10,6 +10,7 @@ from pathlib import Path
 from ukf_hdl.generate import BASE_ADDRESS, NAME, VIVADO_ATTRIBUTES, generate
 from ukf_hdl.packaging.boards import Board
 from ukf_sw import __version__
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
@@ -41,25 +42,19 @@ def address_range(params: UkfParams) -> int:
     return max(1 << MemoryMap(params).address_width, _PAGE)
 
 
-def _settings(params: UkfParams, board: Board) -> str:
-    p = params
-    description = (
-        f"Unscented Kalman filter: n = {p.n}, m = {p.m}, q = {p.q} {p.process_noise.value}, "
-        f"r = {p.r} {p.observation_noise.value}, {p.form.value} form, {p.format.name}, "
-        f"{p.pes} processing elements"
-    )
+def _settings(core: Core, board: Board) -> str:
     ports = {kind: _port(kind) for kind in ("clock", "reset", "interrupt")}
     values = {
         "core_name": NAME,
         "core_vendor": "ukf",
         "core_version": ".".join(__version__.split(".")[:2]),
-        "core_description": f"{{{description}}}",
+        "core_description": f"{{Unscented Kalman filter: {core.description}}}",
         "core_bus": _BUS,
         "core_block": _BLOCK,
         **{f"core_{kind}": port for kind, port in ports.items()},
         "core_interfaces": f"{{{' '.join((_BUS, *ports.values()))}}}",
         "core_base": f"{BASE:#x}",
-        "core_range": str(address_range(params)),
+        "core_range": str(address_range(core.params)),
         "clock_mhz": str(CLOCK_MHZ),
         "design_name": DESIGN,
         "part": board.part,
@@ -107,8 +102,9 @@ def package(
     scripts = output / "vivado"
     scripts.mkdir(parents=True, exist_ok=True)
     sources = files("ukf_hdl.packaging") / "vivado"
+    core = Core(params=params, pipeline=pipeline or Pipeline())
     contents = {
-        scripts / "settings.tcl": _settings(params, board),
+        scripts / "settings.tcl": _settings(core, board),
         **{scripts / name: (sources / name).read_text(encoding="utf-8") for name in SCRIPTS},
         scripts / f"{NAME}_ooc.xdc": _constraints(),
     }

@@ -41,6 +41,24 @@ class FloatFormat:
         if self.fraction_bits not in range(5, 53):
             raise ValueError(f"Fraction bits must be between 5 and 52, not {self.fraction_bits!r}")
 
+    @staticmethod
+    def from_name(name: str) -> "FloatFormat":
+        """Give the format of a :attr:`name`: a usual one, or widths as in float6.17.
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+        """
+        if name in FORMATS:
+            return FORMATS[name]
+        exponent, point, fraction = name.removeprefix("float").partition(".")
+        widths = exponent.isdecimal() and fraction.isdecimal()
+        if not (name.startswith("float") and point and widths):
+            known = ", ".join(FORMATS)
+            raise ValueError(f"format must be one of {known}, or like float6.17, not {name!r}")
+        return FloatFormat(exponent_bits=int(exponent), fraction_bits=int(fraction))
+
     @property
     def width(self) -> int:
         """Width of a word in bits."""

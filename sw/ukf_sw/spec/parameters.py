@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 from enum import Enum
-from math import isfinite
+from typing import Annotated
 
+from ukf_sw.spec.fields import Meaning, check_parameters
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
 
 __all__ = ["Form", "Noise", "Pipeline", "UkfParams"]
@@ -23,6 +24,18 @@ class Noise(Enum):
 
     AUGMENTED = "augmented"  #: As an argument of the model; it has sigma points of its own.
     ADDITIVE = "additive"  #: Added to the model's result; it has none.
+
+
+def _size(doc: str, *, low: int) -> Meaning:
+    """A size of the models."""
+    return Meaning(
+        doc, low=low, high=MAX_SIZE, words="{label} = {value}", always=True, problem=True
+    )
+
+
+def _stages(doc: str, *, high: int, label: str) -> Meaning:
+    """A pipeline depth."""
+    return Meaning(doc, low=1, high=high, label=label)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,33 +71,32 @@ class UkfParams:
         If a parameter is out of range.
     """
 
-    n: int
-    m: int
-    q: int = 0
-    r: int = 0
-    process_noise: Noise = Noise.AUGMENTED
-    observation_noise: Noise = Noise.AUGMENTED
-    W0: float = 0.0
-    form: Form = Form.SQUARE_ROOT
-    format: FloatFormat = BINARY32
-    pes: int = 1
+    n: Annotated[int, _size("States.", low=1)]
+    m: Annotated[int, _size("Observations.", low=1)]
+    q: Annotated[int, _size("Process noise terms.", low=0)] = 0
+    r: Annotated[int, _size("Observation noise terms.", low=0)] = 0
+    process_noise: Annotated[Noise, Meaning("How process noise enters.", problem=True)] = (
+        Noise.AUGMENTED
+    )
+    observation_noise: Annotated[Noise, Meaning("How observation noise enters.", problem=True)] = (
+        Noise.AUGMENTED
+    )
+    W0: Annotated[
+        float, Meaning("Weight of sigma point 0, in [0, 1).", words="{label} = {value}")
+    ] = 0.0
+    form: Annotated[
+        Form, Meaning("How the update is computed.", words="{value} form", always=True)
+    ] = Form.SQUARE_ROOT
+    format: Annotated[FloatFormat, Meaning("Number format.", words="{value}", always=True)] = (
+        BINARY32
+    )
+    pes: Annotated[
+        int, Meaning("Processing elements.", low=1, words="{value} PE{s}", always=True)
+    ] = 1
 
     def __post_init__(self) -> None:
-        for name, smallest in (("n", 1), ("m", 1), ("q", 0), ("r", 0), ("pes", 1)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise TypeError(f"{name} must be an int, not {value!r}")
-            if value < smallest or (name != "pes" and value > MAX_SIZE):
-                raise ValueError(f"{name} must be between {smallest} and {MAX_SIZE}, not {value!r}")
-        for name, kind, wanted in (
-            ("process_noise", Noise, "Noise"), ("observation_noise", Noise, "Noise"),
-            ("form", Form, "Form"), ("format", FloatFormat, "FloatFormat"),
-            ("W0", (int, float), "number"),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not isinstance(value, kind) or isinstance(value, bool):
-                raise TypeError(f"{name} must be a {wanted}, not {value!r}")
-        if not (isfinite(self.W0) and 0.0 <= self.W0 < 1.0):
+        check_parameters(self)
+        if not 0.0 <= self.W0 < 1.0:
             raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")
         if self.process_noise is Noise.ADDITIVE and self.q not in (0, self.n):
             raise ValueError(f"q must be 0 or n = {self.n} for additive noise, not {self.q!r}")
@@ -148,14 +160,13 @@ class Pipeline:
         If a depth is out of range.
     """
 
-    multiply: int = 2
-    add: int = 2
-    reciprocal_sqrt: int = 3
+    multiply: Annotated[
+        int, _stages("Latency of a product in clocks.", high=8, label="multiply_stages")
+    ] = 2
+    add: Annotated[int, _stages("Latency of a sum in clocks.", high=8, label="add_stages")] = 2
+    reciprocal_sqrt: Annotated[
+        int, _stages("Latency of 1/sqrt in clocks.", high=16, label="reciprocal_sqrt_stages")
+    ] = 3
 
     def __post_init__(self) -> None:
-        for name, largest in (("multiply", 8), ("add", 8), ("reciprocal_sqrt", 16)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool):
-                raise TypeError(f"{name} must be an int, not {value!r}")
-            if not 1 <= value <= largest:
-                raise ValueError(f"{name} must be between 1 and {largest}, not {value!r}")
+        check_parameters(self)

@@ -1,7 +1,10 @@
 """Command line: ``ukf``. One module for each group of commands."""
 
+from typing import Annotated
+
 import typer
 
+from ukf_sw import __version__
 from ukf_tools.cli.apps import apps_app
 from ukf_tools.cli.baseline import baseline
 from ukf_tools.cli.c_software import c_arm, c_loop, export
@@ -19,11 +22,30 @@ __all__ = ["app"]
 
 app = typer.Typer(
     name="ukf",
-    help="Unscented Kalman filter core for FPGAs.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def ukf(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """Unscented Kalman filter core for FPGAs."""
+
+
 for command in (
     generate,
     latency,

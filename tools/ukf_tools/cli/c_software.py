@@ -7,6 +7,7 @@ import typer
 from rich.table import Table
 
 from ukf_sw.problems.configurations import Problem
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -20,7 +21,6 @@ from ukf_tools.cli.options import (
     COSIM,
     DATA,
     BusLatencyOption,
-    Core,
     InterruptOption,
     P0Option,
     SeedOption,
@@ -36,9 +36,9 @@ StepsOption = Annotated[
 
 def _nanosatellite(core: Core, seed: int, p0: float) -> Problem:
     """Make a problem for which there are models in C."""
-    if core.config is None:
+    if core.configuration is None:
         fail("--config must be given: the models in C are those of a nanosatellite")
-    return Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+    return Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
 
 
 @with_core
@@ -57,7 +57,7 @@ def export(
 
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
-    problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+    problem = Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
     with checked():
         try:
             files = export_scenario(problem.scenario(steps), steps, output)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -15,7 +16,7 @@ from ukf_tools.cli.console import (
     progress_bars,
     results,
 )
-from ukf_tools.cli.options import Core, with_core
+from ukf_tools.cli.options import with_core
 
 __all__ = ["generate", "latency"]
 
@@ -70,12 +71,11 @@ def generate(
 @with_core
 def latency(core: Core, as_json: JsonOption = False) -> None:
     """Print the cycles of every step, from the schedule: what the core's counter will read."""
-    from ukf_tools.estimate.latency import describe_params
     from ukf_tools.estimate.latency import latency as compute
 
     record = compute(core.params, core.pipeline)
     if as_json:
-        print_json(record | {"parameters": describe_params(core.params, core.pipeline)})
+        print_json(record | core.record())
         return
     results.print(f"[bold]{core.title}[/]", soft_wrap=True)
     table = Table()

@@ -9,13 +9,13 @@ from rich.table import Table
 
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.problems.configurations import Problem
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
 from ukf_tools.cli.judgement import print_accuracy, print_stop
 from ukf_tools.cli.options import (
     COSIM,
     DATA,
     BusLatencyOption,
-    Core,
     InterruptOption,
     P0Option,
     PlotOption,
@@ -54,7 +54,7 @@ def cosim(
     with checked():
         if not math.isfinite(bus_latency):
             raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
-        problem = Problem(configuration=core.config, params=core.params, seed=seed, P0=p0)
+        problem = Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
         scenario = problem.scenario(steps)
     from ukf_sim.session import Job, cosimulate
     from ukf_sw.problems.judging import make_backend, run_problem

@@ -6,9 +6,10 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
 from ukf_tools.cli.lists import numbers
-from ukf_tools.cli.options import Core, with_core
+from ukf_tools.cli.options import with_core
 
 __all__ = ["resources", "timing"]
 
@@ -23,7 +24,7 @@ def _netlist(core: Core, cache: Path) -> Any:
     from ukf_tools.design_space.cache import Cache
     from ukf_tools.design_space.parts import Synthesis
     from ukf_tools.design_space.sweep import find
-    from ukf_tools.estimate.resources import Netlist, YosysError
+    from ukf_tools.estimate.series7 import Netlist, YosysError
 
     part = Synthesis(params=core.params, pipeline=core.pipeline)
     try:
@@ -39,14 +40,13 @@ def resources(core: Core, cache: CacheOption = _CACHE, as_json: JsonOption = Fal
     """Estimate what the core takes of a 7-series FPGA: Yosys, before packing."""
     netlist = _netlist(core, cache)
     from ukf_tools.design_space.devices import DEVICES, share
-    from ukf_tools.estimate.latency import describe_params
-    from ukf_tools.estimate.resources import FLOW, tool_version
+    from ukf_tools.estimate.series7 import FLOW, tool_version
 
     found = netlist.resources
     fits = {device.name: share(found, device) for device in DEVICES}
     if as_json:
         print_json({
-            "parameters": describe_params(core.params, core.pipeline),
+            **core.record(),
             "tool": f"{tool_version()}, {FLOW}",
             "resources": found.as_dict(), "cells": netlist.cells, "shares": fits,
         })  # fmt: skip
@@ -90,12 +90,11 @@ def timing(
     with checked():
         chosen = numbers("--seeds", seeds)
     netlist = _netlist(core, cache)
-    from ukf_tools.estimate.latency import describe_params
-    from ukf_tools.estimate.resources import PATH, tool_version
+    from ukf_tools.estimate.series7 import PATH, tool_version
 
     logic = netlist.path_ps / 1000
     record: dict[str, Any] = {
-        "parameters": describe_params(core.params, core.pipeline),
+        **core.record(),
         "tool": tool_version(),
         "logic_ns": logic, "logic_ns_is": PATH, "clock_mhz": clock_mhz,
         "share_of_period": logic * clock_mhz / 1000, "ecp5": [],
@@ -128,7 +127,7 @@ def _route(core: Core, seeds: list[int], cache: Path) -> list[dict[str, Any]]:
     from ukf_tools.design_space.cache import Cache
     from ukf_tools.design_space.parts import Routing
     from ukf_tools.design_space.sweep import find
-    from ukf_tools.estimate.resources import YosysError
+    from ukf_tools.estimate.series7 import YosysError
 
     rows: list[dict[str, Any]] = []
     with progress_bars() as bars:

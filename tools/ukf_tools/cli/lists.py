@@ -1,9 +1,11 @@
 """Options that take lists, as ``1,2,4-6``."""
 
-from collections.abc import Callable
+from collections.abc import Collection
 from typing import Any
 
-__all__ = ["numbers", "pick", "split"]
+from ukf_sw.spec.fields import Parameter
+
+__all__ = ["entries", "numbers", "read_entry", "split"]
 
 
 def split(option: str, text: str) -> list[str]:
@@ -39,25 +41,44 @@ def numbers(option: str, text: str) -> list[int]:
     return found
 
 
-def pick(option: str, text: str, known: Callable[[str], Any]) -> list[Any]:
-    """Read a list of names.
+def read_entry(option: str, text: str, parameter: Parameter) -> Any:
+    """Read a value of a parameter of the core.
+
+    Raises
+    ------
+    ValueError
+        If it is not one.
+    """
+    try:
+        value = parameter.read(text)
+        parameter.check(value)
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
+    return value
+
+
+def entries(option: str, text: str, parameter: Parameter, same_as: Collection[str]) -> list[Any]:
+    """Read a list of values of a parameter of the core.
 
     Parameters
     ----------
     option, text
         Name of the option, and what was given.
-    known
-        Gives what a name stands for, or raises a ValueError.
+    parameter
+        Of what. If it is a number, ranges are lists, too.
+    same_as
+        Names that may be given instead: of what it shall equal.
 
     Raises
     ------
     ValueError
-        If a name is not known.
+        If an entry is not such a value.
     """
-    found: list[Any] = []
-    for entry in split(option, text):
-        try:
-            found.append(known(entry))
-        except ValueError as error:
-            raise ValueError(f"{option}: {error}") from None
+    if text.strip() in same_as:
+        return [text.strip()]
+    if parameter.kind is not int:
+        return [read_entry(option, entry, parameter) for entry in split(option, text)]
+    found = numbers(option, text)
+    for number in found:
+        parameter.check(number)
     return found

@@ -2,17 +2,21 @@
 
 import functools
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from ukf_sw.problems.configurations import CONFIGURATIONS
-from ukf_sw.spec.float_format import FORMATS, FloatFormat
-from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.core import PARAMETERS, Core
+from ukf_sw.spec.fields import parameters_of
+from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.cli.console import checked
+from ukf_tools.cli.lists import entries, read_entry, split
+from ukf_tools.design_space.points import Point, grid
 
 __all__ = [
     "BUILD",
@@ -20,65 +24,18 @@ __all__ = [
     "COSIM",
     "DATA",
     "BusLatencyOption",
-    "Core",
     "InterruptOption",
     "P0Option",
     "PlotOption",
     "SeedOption",
-    "parse_format",
     "with_core",
+    "with_points",
 ]
 
 #: Panels of the help.
 
 CORE, BUILD, DATA, COSIM = "The core", "How it is built", "Data", "Co-simulation"
 
-ConfigOption = Annotated[
-    str | None,
-    typer.Option("--config", help=f"Configuration: {', '.join(CONFIGURATIONS)}; or give sizes.",
-                 rich_help_panel=CORE),
-]  # fmt: skip
-NOption = Annotated[int | None, typer.Option("--n", help="States.", rich_help_panel=CORE)]
-MOption = Annotated[int | None, typer.Option("--m", help="Observations.", rich_help_panel=CORE)]
-QOption = Annotated[
-    int | None, typer.Option("--q", help="Process noise terms.", rich_help_panel=CORE)
-]
-ROption = Annotated[
-    int | None, typer.Option("--r", help="Observation noise terms.", rich_help_panel=CORE)
-]
-ProcessNoiseOption = Annotated[
-    Noise | None,
-    typer.Option("--process-noise", help="How process noise enters.", rich_help_panel=CORE),
-]
-ObservationNoiseOption = Annotated[
-    Noise | None,
-    typer.Option("--observation-noise", help="How observation noise enters.",
-                 rich_help_panel=CORE),
-]  # fmt: skip
-W0Option = Annotated[
-    float | None,
-    typer.Option("--w0", help="Weight of sigma point 0, in [0, 1).", rich_help_panel=CORE),
-]
-PesOption = Annotated[int, typer.Option("--pes", help="Processing elements.", rich_help_panel=CORE)]
-FormOption = Annotated[
-    Form, typer.Option("--form", help="How the update is computed.", rich_help_panel=CORE)
-]
-FormatOption = Annotated[
-    str,
-    typer.Option("--format", help=f"Number format: {', '.join(FORMATS)}, or widths as float6.17.",
-                 rich_help_panel=CORE),
-]  # fmt: skip
-MultiplyOption = Annotated[
-    int,
-    typer.Option("--multiply-stages", help="Latency of a product.", rich_help_panel=BUILD),
-]
-AddOption = Annotated[
-    int, typer.Option("--add-stages", help="Latency of a sum.", rich_help_panel=BUILD)
-]
-RootOption = Annotated[
-    int,
-    typer.Option("--reciprocal-sqrt-stages", help="Latency of 1/sqrt.", rich_help_panel=BUILD),
-]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of the data.", rich_help_panel=DATA)
 ]
@@ -105,113 +62,143 @@ PlotOption = Annotated[
     Path | None, typer.Option("--plot", help="Image of the errors.", rich_help_panel=DATA)
 ]
 
-_STAGES = Pipeline()
+
+def _option(label: str) -> str:
+    """Option of a parameter of the core."""
+    return f"--{label.replace('_', '-').lower()}"
 
 
-def parse_format(name: str) -> FloatFormat:
-    """Give the format of a name, or of widths as in float6.17.
+def _switch(label: str) -> str:
+    """Options of a parameter that is a bool."""
+    return f"{_option(label)}/--no-{_option(label)[2:]}"
+
+
+def _core_options(*, lists: bool) -> list[inspect.Parameter]:
+    """Options of all parameters of a core; if `lists`, each takes many values."""
+    known = ", ".join(CONFIGURATIONS)
+    options: dict[str, tuple[Any, Any]] = {
+        "configuration": (
+            str | None,
+            typer.Option(
+                "--config",
+                help=f"{'Configurations' if lists else 'Configuration'}: {known}; or give sizes.",
+                rich_help_panel=CORE,
+            ),
+        )
+    }
+    built = parameters_of(Pipeline)
+    for label, entry in PARAMETERS.items():
+        # Of an Enum the parser knows and shows the choices.
+        chosen = entry.choices and (lists or not issubclass(entry.kind, Enum))
+        text = f"{entry.meaning.doc[:-1]}: {', '.join(entry.choices)}" if chosen else ""
+        if entry.kind is FloatFormat:
+            text += ", or widths as float6.17"
+        option = typer.Option(
+            _switch(label) if entry.kind is bool and not lists else _option(label),
+            help=f"{text}." if text else entry.meaning.doc,
+            metavar="LIST" if lists else None,
+            rich_help_panel=BUILD if label in built else CORE,
+            # A configuration says what is not given, so the default is not known here.
+            show_default=False if entry.default is None else entry.text(entry.default),
+        )
+        text_only = lists or entry.kind is FloatFormat
+        options[label] = (str if text_only else entry.kind) | None, option
+    return [
+        inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, option]
+        )
+        for name, (kind, option) in options.items()
+    ]
+
+
+def _required() -> str:
+    """Options of what has no default."""
+    return " and ".join(_option(label) for label, e in PARAMETERS.items() if e.default is None)
+
+
+def _check_given(configuration: str | None, given: Collection[str]) -> None:
+    """Check that sizes and noises are given once: by a configuration or by their options."""
+    if configuration is None:
+        if any(entry.default is None and name not in given for name, entry in PARAMETERS.items()):
+            raise ValueError(f"--config, or at least {_required()}, must be given")
+    elif any(PARAMETERS[name].meaning.problem for name in given):
+        raise ValueError("--config says sizes and noises already: give it or them, not both")
+
+
+def _configured(configuration: str) -> Core:
+    """Give the core of a configuration."""
+    if configuration not in CONFIGURATIONS:
+        known = ", ".join(CONFIGURATIONS)
+        raise ValueError(f"--config must be one of {known}, not {configuration!r}")
+    return Core(params=CONFIGURATIONS[configuration].params, configuration=configuration)
+
+
+def _core(configuration: str | None, given: Mapping[str, Any]) -> Core:
+    """Make a core of the options that are given.
 
     Raises
     ------
     ValueError
-        If it is neither.
+        If there is no such core.
     """
-    if name in FORMATS:
-        return FORMATS[name]
-    exponent, point, fraction = name.removeprefix("float").partition(".")
-    if not (name.startswith("float") and point and exponent.isdecimal() and fraction.isdecimal()):
-        known = ", ".join(FORMATS)
-        raise ValueError(f"--format must be one of {known}, or like float6.17, not {name!r}")
-    return FloatFormat(exponent_bits=int(exponent), fraction_bits=int(fraction))
+    _check_given(configuration, given)
+    values = {
+        label: read_entry(_option(label), value, PARAMETERS[label])
+        if isinstance(value, str)
+        else value
+        for label, value in given.items()
+    }
+    base = {} if configuration is None else _configured(configuration).values()
+    return Core.from_values(base | values, configuration)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Core:
-    """The core that options describe.
+def _points(configurations: str | None, given: Mapping[str, str]) -> list[Point]:
+    """Make the cores of a sweep of the options that are given, each a list.
 
-    Parameters
-    ----------
-    config
-        Name of its configuration, or None.
-    params, pipeline
-        What it computes, and how it is built.
+    Raises
+    ------
+    ValueError
+        If an option is not such a list.
     """
-
-    config: str | None
-    params: UkfParams
-    pipeline: Pipeline
-
-    @property
-    def stem(self) -> str:
-        """Name for files."""
-        p = self.params
-        name = self.config or f"n{p.n}m{p.m}q{p.q}r{p.r}"
-        return f"{name}-{p.pes}pe-{p.form.value}-{p.format.name}"
-
-    @property
-    def title(self) -> str:
-        """Name for people."""
-        p = self.params
-        name = self.config or f"Random system, n = {p.n}, m = {p.m}"
-        return f"{name}, {p.form.value} form, {p.format.name}, {p.pes} PE{'s' * (p.pes != 1)}"
+    _check_given(configurations, given)
+    axes: dict[str, list[Any]] = {}
+    for label, text in given.items():
+        # A size may follow one before it, as in --q n.
+        before = [name for name in axes if PARAMETERS[name].kind is PARAMETERS[label].kind]
+        axes[label] = entries(_option(label), text, PARAMETERS[label], before)
+    bases = [Point()]
+    if configurations is not None:
+        bases = [Point.of(_configured(name)) for name in split("--config", configurations)]
+    return grid(bases, **axes)
 
 
-def _core(
-    *,
-    config: ConfigOption = None,
-    n: NOption = None,
-    m: MOption = None,
-    q: QOption = None,
-    r: ROption = None,
-    process_noise: ProcessNoiseOption = None,
-    observation_noise: ObservationNoiseOption = None,
-    w0: W0Option = None,
-    pes: PesOption = 1,
-    form: FormOption = Form.SQUARE_ROOT,
-    number_format: FormatOption = "binary32",
-    multiply: MultiplyOption = _STAGES.multiply,
-    add: AddOption = _STAGES.add,
-    root: RootOption = _STAGES.reciprocal_sqrt,
-) -> Core:
-    """Make a core of its options."""
-    common: dict[str, Any] = {"pes": pes, "form": form, "format": parse_format(number_format)}
-    if w0 is not None:
-        common["W0"] = w0
-    noises = {"process_noise": process_noise, "observation_noise": observation_noise}
-    given = {name: noise for name, noise in noises.items() if noise is not None}
-    if config is not None:
-        if config not in CONFIGURATIONS:
-            known = ", ".join(CONFIGURATIONS)
-            raise ValueError(f"--config must be one of {known}, not {config!r}")
-        if given or any(size is not None for size in (n, m, q, r)):
-            raise ValueError("--config says sizes and noises already: give it or them, not both")
-        params = replace(CONFIGURATIONS[config].params, **common)
-    elif n is None or m is None:
-        raise ValueError("--config, or at least --n and --m, must be given")
-    else:
-        params = UkfParams(n=n, m=m, q=q or 0, r=r or 0, **given, **common)
-    return Core(
-        config=config,
-        params=params,
-        pipeline=Pipeline(multiply=multiply, add=add, reciprocal_sqrt=root),
-    )
+def _with_options(
+    command: Callable[..., None], make: Callable[..., Any], *, lists: bool
+) -> Callable[..., None]:
+    """Give a command the options of a core; its first argument is what is made of them."""
+    shared = _core_options(lists=lists)
+    own = list(inspect.signature(command).parameters.values())[1:]
+
+    @functools.wraps(command)
+    def wrapped(configuration: str | None, **arguments: Any) -> None:
+        given = {label: arguments.pop(label) for label in PARAMETERS}
+        with checked():
+            made = make(configuration, {k: v for k, v in given.items() if v is not None})
+        command(made, **arguments)
+
+    parameters = [
+        *shared, *(entry.replace(kind=inspect.Parameter.KEYWORD_ONLY) for entry in own),
+    ]  # fmt: skip
+    wrapped.__signature__ = inspect.Signature(parameters)
+    wrapped.__annotations__ = {entry.name: entry.annotation for entry in parameters}
+    return wrapped
 
 
 def with_core(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command, which takes a core first, the options that describe one."""
-    shared = inspect.signature(_core).parameters
-    own = list(inspect.signature(command).parameters.values())[1:]
+    return _with_options(command, _core, lists=False)
 
-    @functools.wraps(command)
-    def wrapped(**arguments: Any) -> None:
-        with checked():
-            core = _core(**{name: arguments.pop(name) for name in shared})
-        command(core, **arguments)
 
-    parameters = [
-        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for parameter in (*shared.values(), *own)
-    ]
-    wrapped.__signature__ = inspect.Signature(parameters)
-    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return wrapped
+def with_points(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command, which takes the cores of a sweep first, the same options as lists."""
+    return _with_options(command, _points, lists=True)

@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from ukf_hdl.packaging.boards import BOARDS
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import JsonOption, fail, print_files, print_json, progress_bars, results
-from ukf_tools.cli.options import Core, SeedOption, with_core
+from ukf_tools.cli.options import SeedOption, with_core
 
 __all__ = ["package", "write_testbench"]
 
@@ -85,7 +86,7 @@ def write_testbench(
     from ukf_sw.problems.configurations import Problem
 
     try:
-        problem = Problem(configuration=core.config, params=core.params, seed=seed)
+        problem = Problem(configuration=core.configuration, params=core.params, seed=seed)
         files = write(problem, steps, output)
     except ValueError as error:
         fail(str(error))

@@ -8,9 +8,10 @@ import typer
 from rich.table import Table
 
 from ukf_sw.problems.configurations import Problem
+from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import JsonOption, checked, number, print_json, progress_bars, results
 from ukf_tools.cli.judgement import print_accuracy, print_stop
-from ukf_tools.cli.options import DATA, Core, P0Option, PlotOption, SeedOption, with_core
+from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
 
 __all__ = ["run"]
 
@@ -56,7 +57,6 @@ def run(
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
     from ukf_sw.problems.judging import Track, accuracy, make_backend, run_problem
-    from ukf_tools.estimate.latency import describe_params
     from ukf_tools.evaluate.plots import plot_errors
 
     names = tuple(dict.fromkeys((backend.value, "reference")))
@@ -66,7 +66,7 @@ def run(
         for number in range(runs):
             with checked():
                 problem = Problem(
-                    configuration=core.config, params=core.params, seed=seed + number, P0=p0
+                    configuration=core.configuration, params=core.params, seed=seed + number, P0=p0
                 )
                 scenario = problem.scenario(steps)
             found = {}
@@ -91,8 +91,8 @@ def run(
                 "accuracy": accuracy(tracks[-1]),
             })  # fmt: skip
     record = {
-        "configuration": core.config,
-        "parameters": describe_params(core.params, core.pipeline),
+        "configuration": core.configuration,
+        **core.record(),
         "backend": backend.value,
         "P0": p0,
         "steps_requested": tracks[0].scenario.steps,

@@ -8,6 +8,7 @@ from typing import Any
 import altair as alt
 import vl_convert
 
+from ukf_sw.spec.core import PARAMETERS
 from ukf_tools.design_report import paper_2018
 from ukf_tools.design_report.series import Row, comparable, in_series
 
@@ -361,8 +362,8 @@ def _accuracy(rows: Sequence[Row]) -> Iterator[Chart]:
 def _growth(rows: Sequence[Row]) -> Iterator[Chart]:
     """Cycles over the number of states."""
     values = [
-        {"series": f"{row['pes']} PE{'s' * (row['pes'] != 1)}, {row['form']}", "n": row["n"],
-         "cycles": row["cycles"]}
+        {"series": ", ".join(PARAMETERS[name].said(row[name]) for name in ("pes", "form")),
+         "n": row["n"], "cycles": row["cycles"]}
         for row in rows
         if row["cycles"] is not None
     ]  # fmt: skip

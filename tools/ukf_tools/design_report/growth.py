@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ukf_tools.design_report.series import Row
+from ukf_sw.spec.core import PARAMETERS
+from ukf_tools.design_report.series import FACTORS, PROBLEM, Row, said, varying
 
 __all__ = ["FIGURES", "Growth", "growths"]
 
@@ -68,22 +69,26 @@ def growths(rows: Sequence[Row]) -> list[Growth]:
         Those that can be fitted.
     """
     found: list[Growth] = []
-    stages = ("multiply_stages", "add_stages", "reciprocal_sqrt_stages")
-    noises = ("process_noise", "observation_noise", "W0")
+    sizes = [name for name in PROBLEM if PARAMETERS[name].kind is int]
+    different = varying(rows)
+    named = [
+        name
+        for name in FACTORS
+        if name not in ("configuration", *sizes)
+        and (PARAMETERS[name].meaning.always or name in different)
+    ]
     for over, fixed in (
-        ("n", ("pes", "form", "format", *stages, *noises)),
-        ("pes", ("configuration", "n", "m", "q", "r", "form", "format", *stages, *noises)),
+        ("n", ["pes", *(f for f in FACTORS if f not in ("configuration", *sizes))]),
+        ("pes", FACTORS),
     ):
         groups: dict[tuple[object, ...], list[Row]] = {}
         for row in rows:
             groups.setdefault(tuple(row[name] for name in fixed), []).append(row)
         for group in groups.values():
             first = group[0]
-            common = (
-                f"{first['pes']} PE{'s' * (first['pes'] != 1)}"
-                if over == "n"
-                else first["configuration"] or f"n = {first['n']}, m = {first['m']}"
-            )
+            common = ("configuration",) if first["configuration"] else ("n", "m")
+            if over == "n":
+                common = ("pes",)
             for figure in FIGURES:
                 if over == "pes" and figure == "bus_words":
                     continue  # they do not depend on it
@@ -96,7 +101,7 @@ def growths(rows: Sequence[Row]) -> list[Growth]:
                     Growth(
                         figure=figure,
                         over=over,
-                        group=f"{common}, {first['form']}, {first['format']}",
+                        group=", ".join(said(name, first[name]) for name in (*common, *named)),
                         low=min(points),
                         high=max(points),
                         points=len(points),

@@ -4,33 +4,33 @@ from collections.abc import Sequence
 from typing import Any
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.core import PARAMETERS
 from ukf_sw.spec.float_format import BINARY32
 from ukf_sw.spec.parameters import Noise
 
-__all__ = ["FACTORS", "Row", "comparable", "in_series", "varying"]
+__all__ = ["FACTORS", "PROBLEM", "Row", "comparable", "in_series", "said", "varying"]
 
 Row = dict[str, Any]
 
 #: What tells cores apart, but for the number of processing elements.
-FACTORS = (
-    "configuration", "n", "m", "q", "r", "process_noise", "observation_noise", "W0", "form",
-    "format", "multiply_stages", "add_stages", "reciprocal_sqrt_stages",
-)  # fmt: skip
-#: How numbers are introduced in names of series.
-_PREFIXES = {
-    "n": "n ", "m": "m ", "q": "q ", "r": "r ", "W0": "W0 ", "multiply_stages": "multiply ",
-    "add_stages": "add ", "reciprocal_sqrt_stages": "1/sqrt ", "process_noise": "process noise ",
-    "observation_noise": "observation noise ",
-}  # fmt: skip
+FACTORS = ("configuration", *(label for label in PARAMETERS if label != "pes"))
+#: What a configuration says.
+PROBLEM = tuple(label for label, entry in PARAMETERS.items() if entry.meaning.problem)
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
     """Name the factors that differ between rows. The configuration stands for its sizes."""
     names = [name for name in FACTORS if len({row[name] for row in rows}) > 1]
     if "configuration" in names and all(row["configuration"] is not None for row in rows):
-        sizes = ("n", "m", "q", "r", "process_noise", "observation_noise")
-        names = [name for name in names if name not in sizes]
+        names = [name for name in names if name not in PROBLEM]
     return names
+
+
+def said(name: str, value: Any) -> str:
+    """Say a factor of a core."""
+    if name != "configuration":
+        return PARAMETERS[name].said(value)
+    return "sizes" if value is None else value
 
 
 def in_series(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -45,10 +45,7 @@ def in_series(rows: Sequence[Row]) -> dict[str, list[Row]]:
     names = varying(rows) or ["form"]
     groups: dict[str, list[Row]] = {}
     for row in rows:
-        label = ", ".join(
-            f"{_PREFIXES.get(name, '')}{'sizes' if row[name] is None else row[name]}"
-            for name in names
-        )
+        label = ", ".join(said(name, row[name]) for name in names)
         groups.setdefault(label, []).append(row)
     return {label: sorted(group, key=lambda row: row["pes"]) for label, group in groups.items()}
 

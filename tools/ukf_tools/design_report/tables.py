@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from ukf_tools.design_report import paper_2018
 from ukf_tools.design_report.growth import growths
-from ukf_tools.design_report.series import Row, comparable, in_series
+from ukf_tools.design_report.series import FACTORS, Row, comparable, in_series
 from ukf_tools.design_space.devices import DEVICES
 from ukf_tools.design_space.rows import COLUMNS
 
@@ -216,7 +216,7 @@ def everything(rows: Sequence[Row]) -> dict[str, Any]:
     choices: dict[int, list[str]] = {}
     for number, name in enumerate(names):
         found = list(dict.fromkeys(text(row[name]) for row in rows))
-        if name in ("configuration", "n", "form", "format", "pes") and len(found) > 1:
+        if name in (*FACTORS, "pes") and len(found) > 1:
             choices[number] = found
     return {
         "heads": [(name, COLUMNS[name].doc, numeric[name]) for name in names],

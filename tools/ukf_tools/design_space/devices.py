@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ukf_tools.estimate.resources import Resources
+from ukf_tools.estimate.series7 import Resources
 
 __all__ = ["DEVICES", "Device", "share"]
 

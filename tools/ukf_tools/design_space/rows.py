@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from ukf_sw.spec.core import PARAMETERS
 from ukf_tools.design_space.points import Point
-from ukf_tools.estimate.resources import Netlist
+from ukf_tools.estimate.series7 import Netlist
 
 __all__ = ["COLUMNS", "Column", "Conditions", "figures"]
 
@@ -28,20 +29,8 @@ class Column(NamedTuple):
 #: Every column, in order. An entry that is not known is empty.
 COLUMNS = {
     "configuration": Column(str, "Name of the configuration, if it has one."),
-    "n": Column(int, "States."),
-    "m": Column(int, "Observations."),
-    "q": Column(int, "Process noise terms."),
-    "r": Column(int, "Observation noise terms."),
-    "process_noise": Column(str, "How process noise enters."),
-    "observation_noise": Column(str, "How observation noise enters."),
-    "W0": Column(float, "Weight of sigma point 0."),
+    **{label: Column(entry.cell_kind, entry.meaning.doc) for label, entry in PARAMETERS.items()},
     "sigma_points": Column(int, "Sigma points, so evaluations of each model an iteration."),
-    "pes": Column(int, "Processing elements."),
-    "form": Column(str, "How the update is computed."),
-    "format": Column(str, "Number format."),
-    "multiply_stages": Column(int, "Latency of a product in clocks."),
-    "add_stages": Column(int, "Latency of a sum in clocks."),
-    "reciprocal_sqrt_stages": Column(int, "Latency of 1/sqrt in clocks."),
     "predict_cycles": Column(int, "Clocks of PREDICT."),
     "update_cycles": Column(int, "Clocks of UPDATE, which makes the next sigma points as well."),
     "cycles": Column(int, "Clocks of an iteration: PREDICT and UPDATE, nothing redrawn between."),
@@ -129,7 +118,8 @@ def figures(
         An entry for each of :data:`COLUMNS`.
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
-    row |= point.columns()
+    row |= point.cells()
+    row["sigma_points"] = _sigma_points(point)
     if "schedule" in found:
         row |= _cycles(found["schedule"])
     if "traffic" in found:
@@ -142,6 +132,14 @@ def figures(
         row |= _accuracy(found["accuracy"], found.get("reference", {}))
     row["error"] = "; ".join(f"{name}: {text}" for name, text in failures.items()) or None
     return row
+
+
+def _sigma_points(point: Point) -> int | None:
+    """Their number, if there is such a core."""
+    try:
+        return point.core.params.N
+    except ValueError:
+        return None
 
 
 def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:

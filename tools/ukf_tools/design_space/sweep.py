@@ -7,7 +7,7 @@ from typing import Any
 
 from ukf_tools.design_space.accuracy import Application
 from ukf_tools.design_space.cache import Cache
-from ukf_tools.design_space.executors import Executor, Failure
+from ukf_tools.design_space.executors import Executor, FailedPart
 from ukf_tools.design_space.parts import (
     Accuracy,
     Part,
@@ -19,7 +19,7 @@ from ukf_tools.design_space.parts import (
 from ukf_tools.design_space.points import Point
 from ukf_tools.design_space.rows import Conditions, figures
 
-__all__ = ["Outcome", "Questions", "find", "sweep"]
+__all__ = ["Findings", "Questions", "find", "sweep"]
 
 #: Called with what has just been found, the work done, and its total, in about seconds.
 Progress = Callable[[str, float, float], None]
@@ -51,7 +51,8 @@ class Questions:
         ValueError
             If there is no such core.
         """
-        params, pipeline = point.params, point.pipeline
+        core = point.core
+        params, pipeline = core.params, core.pipeline
         parts: dict[str, Part] = {
             "schedule": SchedulePart(params=params, pipeline=pipeline),
             "traffic": Traffic.of(params),
@@ -66,7 +67,7 @@ class Questions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class Findings:
     """What came of a sweep.
 
     Parameters
@@ -98,7 +99,7 @@ def sweep(
     cache: Cache,
     executor: Executor,
     progress: Progress | None = None,
-) -> Outcome:
+) -> Findings:
     """Find out about cores what the cache does not know yet. Each result is kept at once.
 
     Parameters
@@ -128,7 +129,7 @@ def sweep(
         except ValueError as error:
             illegal[number] = str(error)
             wanted.append({})
-    outcomes: dict[Part, dict[str, Any] | Failure] = {}
+    outcomes: dict[Part, dict[str, Any] | FailedPart] = {}
     missing: list[Part] = []
     for part in dict.fromkeys(part for parts in wanted for part in parts.values()):
         kept = part.load(cache)
@@ -142,7 +143,7 @@ def sweep(
         progress("", done, total)
     for part, outcome in executor.run([part.prepared(cache) for part in missing]):
         outcomes[part] = (
-            outcome if isinstance(outcome, Failure) else part.store(cache, outcome)
+            outcome if isinstance(outcome, FailedPart) else part.store(cache, outcome)
         )  # fmt: skip
         done += part.cost
         if progress is not None:
@@ -151,8 +152,8 @@ def sweep(
         _row(point, parts, outcomes, illegal.get(number), questions)
         for number, (point, parts) in enumerate(zip(points, wanted, strict=True))
     ]
-    failed = sum(isinstance(outcome, Failure) for outcome in outcomes.values())
-    return Outcome(
+    failed = sum(isinstance(outcome, FailedPart) for outcome in outcomes.values())
+    return Findings(
         rows=rows,
         found=found,
         computed=len(missing) - failed,
@@ -164,16 +165,16 @@ def sweep(
 def _row(
     point: Point,
     parts: dict[str, Part],
-    outcomes: dict[Part, dict[str, Any] | Failure],
+    outcomes: dict[Part, dict[str, Any] | FailedPart],
     illegal: str | None,
     questions: Questions,
 ) -> dict[str, Any]:
     """Make the row of a point."""
     results = {name: outcomes[part] for name, part in parts.items()}
     failures = {
-        name: result.message for name, result in results.items() if isinstance(result, Failure)
+        name: result.message for name, result in results.items() if isinstance(result, FailedPart)
     }
-    good = {name: result for name, result in results.items() if not isinstance(result, Failure)}
+    good = {name: result for name, result in results.items() if not isinstance(result, FailedPart)}
     if illegal is not None:
         failures["core"] = illegal
     row = figures(point, good, failures, questions.conditions)

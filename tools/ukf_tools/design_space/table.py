@@ -44,7 +44,8 @@ def write(rows: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
         If the folder cannot be written to.
     """
     polars = _polars()
-    kinds = {str: polars.String, int: polars.Int64, float: polars.Float64}
+    kinds = {str: polars.String, int: polars.Int64, float: polars.Float64,
+             bool: polars.Boolean}  # fmt: skip
     schema = {name: kinds[column.kind] for name, column in COLUMNS.items()}
     frame = polars.DataFrame(list(rows), schema=schema)
     folder.mkdir(parents=True, exist_ok=True)

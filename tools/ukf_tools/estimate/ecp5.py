@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from ukf_tools.estimate.resources import NAME, YosysError, run_yosys
+from ukf_tools.estimate.series7 import NAME, YosysError, run_yosys
 
 __all__ = [
     "DEVICE", "ROUTING", "SYNTHESIS", "place_and_route", "routed_figures",

@@ -6,22 +6,7 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 
-__all__ = ["describe_params", "latency"]
-
-
-def describe_params(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
-    """Give what a core computes and how it is built, ready for JSON."""
-    return {
-        "n": params.n, "m": params.m, "q": params.q, "r": params.r,
-        "process_noise": params.process_noise.value,
-        "observation_noise": params.observation_noise.value,
-        "W0": params.W0, "form": params.form.value, "format": params.format.name,
-        "pes": params.pes,
-        "pipeline": {
-            "multiply": pipeline.multiply, "add": pipeline.add,
-            "reciprocal_sqrt": pipeline.reciprocal_sqrt,
-        },
-    }  # fmt: skip
+__all__ = ["latency"]
 
 
 def latency(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:

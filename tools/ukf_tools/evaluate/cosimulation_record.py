@@ -8,7 +8,8 @@ from ukf_sim.session import Job, Outcome
 from ukf_sim.simulators import Simulator
 from ukf_sw.problems.configurations import Problem
 from ukf_sw.problems.judging import Track, accuracy
-from ukf_tools.estimate.latency import describe_params, latency
+from ukf_sw.spec.core import Core
+from ukf_tools.estimate.latency import latency
 
 __all__ = ["cosimulation_record"]
 
@@ -57,7 +58,7 @@ def cosimulation_record(
     )  # fmt: skip
     return {
         "configuration": problem.configuration,
-        "parameters": describe_params(job.params, job.pipeline),
+        **Core(params=job.params, pipeline=job.pipeline).record(),
         "simulator": simulator.value,
         "mode": "interrupt" if job.interrupt else "polling",
         "bus_latency": job.word_clocks,

@@ -1,0 +1,123 @@
+"""A core as a whole, and the one way to describe it: for people, for files and as JSON."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ukf_sw.spec.fields import Parameter, parameters_of
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+
+__all__ = ["PARAMETERS", "Core"]
+
+#: Every parameter of a core by label, in order: what it computes, then how it is built.
+PARAMETERS: dict[str, Parameter] = {**parameters_of(UkfParams), **parameters_of(Pipeline)}
+if len(PARAMETERS) < len(parameters_of(UkfParams)) + len(parameters_of(Pipeline)):
+    raise TypeError("UkfParams and Pipeline must have no label in common")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Core:
+    """A core.
+
+    Parameters
+    ----------
+    params, pipeline
+        What it computes, and how it is built.
+    configuration
+        Name of its configuration, or None.
+    """
+
+    params: UkfParams
+    pipeline: Pipeline = field(default_factory=Pipeline)
+    configuration: str | None = None
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any], configuration: str | None = None) -> "Core":
+        """Make a core of parameters by label; those that are missing have their defaults.
+
+        Raises
+        ------
+        TypeError
+            If there is no such parameter, one without default is missing, or one is of the wrong
+            kind.
+        ValueError
+            If there is no such core.
+        """
+        for label in values:
+            if label not in PARAMETERS:
+                known = ", ".join(PARAMETERS)
+                raise TypeError(f"parameter must be one of {known}, not {label!r}")
+        params, pipeline = (
+            {entry.name: values[label] for label, entry in parameters_of(block).items()
+             if label in values}
+            for block in (UkfParams, Pipeline)
+        )  # fmt: skip
+        return cls(
+            params=UkfParams(**params), pipeline=Pipeline(**pipeline), configuration=configuration
+        )
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Core":
+        """Make the core that a :meth:`record` describes."""
+        return cls(
+            params=UkfParams(**_from_record(UkfParams, record["parameters"])),
+            pipeline=Pipeline(**_from_record(Pipeline, record["pipeline"])),
+        )
+
+    def values(self) -> dict[str, Any]:
+        """Parameters by label."""
+        return {
+            label: getattr(block, entry.name)
+            for block in (self.params, self.pipeline)
+            for label, entry in parameters_of(type(block)).items()
+        }
+
+    def record(self) -> dict[str, dict[str, Any]]:
+        """Describe the core exactly, but for the name of its configuration, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``parameters``, which results depend on, and ``pipeline``, on which they do not.
+        """
+        return {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
+
+    @property
+    def title(self) -> str:
+        """Name for people: configuration or sizes, and what is not as usual."""
+        return self.title_without()
+
+    def title_without(self, *labels: str) -> str:
+        """Name for people of cores that differ in these parameters only."""
+        said = [] if self.configuration is None else [self.configuration]
+        for label, value in self.values().items():
+            entry = PARAMETERS[label]
+            unusual = entry.meaning.always or value != entry.default
+            known = self.configuration is not None and entry.meaning.problem
+            if unusual and not known and label not in labels:
+                said.append(entry.said(value))
+        return ", ".join(said)
+
+    @property
+    def stem(self) -> str:
+        """Name for files."""
+        return re.sub(r"[^\w.]+", "-", self.title).lower()
+
+    @property
+    def description(self) -> str:
+        """All parameters, for people."""
+        return ", ".join(PARAMETERS[label].said(value) for label, value in self.values().items())
+
+
+def _record(block: UkfParams | Pipeline) -> dict[str, Any]:
+    return {
+        entry.name: entry.record(getattr(block, entry.name))
+        for entry in parameters_of(type(block)).values()
+    }
+
+
+def _from_record(block: type[Any], record: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        entry.name: entry.from_record(record[entry.name]) for entry in parameters_of(block).values()
+    }
