@@ -48,7 +48,7 @@ class Bench:
 
     async def put(self, symbol, row, column, word, **banks):
         lane, address = self.golden.layout.buffer_location(symbol, row, column, **banks)
-        self.golden.write(lane, address, word)
+        self.golden.memory[lane, address] = word
         ctx, dut = self.ctx, self.dut
         ctx.set(dut.buffer_lane, lane)
         ctx.set(dut.buffer_address, address)
@@ -103,7 +103,7 @@ class Bench:
 
     async def compare(self):
         """Every word of every memory."""
-        golden = self.golden.words
+        golden = self.golden.memory
         ctx, dut = self.ctx, self.dut
         found = np.zeros_like(golden)
         places = [(lane, a) for lane in range(golden.shape[0]) for a in range(golden.shape[1])]

@@ -395,5 +395,5 @@ def sabotage(context: Context) -> None:
     bus = context.lockstep
     bus.verify()
     lane, address = bus.golden.engine.layout.buffer_location("x", 0, 0)
-    bus.golden.engine.write(lane, address, bus.golden.engine.read(lane, address) ^ 1 << 12)
+    bus.golden.engine.memory[lane, address] ^= np.uint64(1 << 12)
     bus.verify()

@@ -233,7 +233,7 @@ def test_blocks_and_single_accesses_are_the_same(number_format, noise):
         results.append(iterate(driver))
         outcomes.append(
             (results, driver.traffic, driver.state().tolist(), driver.covariance().tolist(),
-             core.words.tolist())
+             core.engine.memory.tolist())
         )  # fmt: skip
     assert outcomes[0] == outcomes[1]
 

@@ -10,12 +10,12 @@ There are two forms:
 
 - :func:`add`, :func:`multiply` and :func:`reciprocal_sqrt` take a format and scalars or arrays.
 - :func:`add_scalar`, :func:`multiply_scalar` and :func:`reciprocal_sqrt_scalar` are Numba kernels
-  for use in other compiled functions. They take what :func:`scalar_parameters` gives for a format
-  (and the last one also what :func:`reciprocal_sqrt_table` gives) as ordinary arguments, so the
-  compiled code is cached on disk and serves all formats. They do not check that operands are
-  representable::
+  for use in other compiled functions, and so are :func:`decode_scalar` and :func:`encode_scalar`,
+  which go from words to numbers and back. They take what :func:`scalar_parameters` gives for a
+  format (and the third one also what :func:`reciprocal_sqrt_table` gives) as ordinary arguments, so
+  code is compiled once and serves all formats. They do not check that operands are representable::
 
-      @njit(cache=True)
+      @njit
       def dot(x, y, parameters):
           total = 0.0
           for index in range(x.size):
@@ -39,6 +39,8 @@ __all__ = [
     "ScalarParameters",
     "add",
     "add_scalar",
+    "decode_scalar",
+    "encode_scalar",
     "multiply",
     "multiply_scalar",
     "reciprocal_sqrt",
@@ -58,6 +60,7 @@ class ScalarParameters(NamedTuple):
     """What the kernels need to know of a format; made by :func:`scalar_parameters`."""
 
     rounding: int
+    exponent_bits: int
     fraction_bits: int
     bias: int
     min_normal: float
@@ -65,6 +68,7 @@ class ScalarParameters(NamedTuple):
     min_rounded: float
     #: A magnitude from here on rounds to infinity.
     overflow: float
+    nan: int
     newton: bool
     degree: int
     index_bits: int
@@ -103,11 +107,13 @@ def scalar_parameters(fmt: FloatFormat) -> ScalarParameters:
     half_step = 2.0 ** (fmt.bias - fmt.fraction_bits - 1)
     return ScalarParameters(
         rounding=rounding,
+        exponent_bits=fmt.exponent_bits,
         fraction_bits=fmt.fraction_bits,
         bias=fmt.bias,
         min_normal=fmt.min_normal,
         min_rounded=fmt.min_normal * (1.0 - fmt.epsilon / 4),
         overflow=fmt.max_finite + half_step,
+        nan=fmt.nan,
         newton=root.newton,
         degree=root.degree,
         index_bits=root.index_bits,
@@ -143,17 +149,66 @@ def reciprocal_sqrt_table(fmt: FloatFormat) -> NDArray[np.int64]:
 # Kernels. Compiled functions are typed by Numba at the call; the hints are for the reader.
 
 
-@njit(cache=True)
+@njit
 def _to_bits(value: float) -> int:
     return np.float64(value).view(np.int64)  # pyright: ignore[reportReturnType]
 
 
-@njit(cache=True)
+@njit
 def _from_bits(bits: int) -> float:
     return np.int64(bits).view(np.float64)
 
 
-@njit(cache=True)
+@njit
+def decode_scalar(word: int, parameters: ScalarParameters) -> float:
+    """Give the number of a word, an int64; subnormal ones are zeros of their sign; compiled."""
+    fraction_bits = parameters.fraction_bits
+    if parameters.exponent_bits == 8 and fraction_bits == 23:
+        value = np.float64(np.uint32(word).view(np.float32))
+    elif parameters.exponent_bits == 11 and fraction_bits == 52:
+        value = _from_bits(word)
+    else:
+        exponent = (word >> fraction_bits) & ((1 << parameters.exponent_bits) - 1)
+        bits = (word & ((1 << (parameters.exponent_bits + fraction_bits)) - 1)) << (
+            52 - fraction_bits
+        )
+        if exponent == (1 << parameters.exponent_bits) - 1:
+            bits |= 2047 << 52
+        elif exponent != 0:
+            bits += (1023 - parameters.bias) << 52
+        else:
+            bits = 0
+        sign = word >> (parameters.exponent_bits + fraction_bits)
+        value = _from_bits(bits | (sign << 63))
+    if abs(value) < parameters.min_normal:
+        return np.copysign(0.0, value)
+    return value
+
+
+@njit
+def encode_scalar(value: float, parameters: ScalarParameters) -> int:
+    """Give the word, an int64, of a number that the format can represent, or of NaN; compiled."""
+    if not abs(value) <= np.inf:
+        return parameters.nan
+    fraction_bits = parameters.fraction_bits
+    if parameters.exponent_bits == 8 and fraction_bits == 23:
+        return np.int64(np.float32(value).view(np.uint32))  # pyright: ignore[reportReturnType]
+    bits = _to_bits(value)
+    if parameters.exponent_bits == 11 and fraction_bits == 52:
+        return bits
+    magnitude = bits & ((1 << 63) - 1)
+    exponent = magnitude >> 52
+    if exponent == 2047:
+        word = ((1 << parameters.exponent_bits) - 1) << fraction_bits
+    elif exponent != 0:
+        word = (magnitude - ((1023 - parameters.bias) << 52)) >> (52 - fraction_bits)
+    else:
+        word = 0
+    sign = (bits >> 63) & 1
+    return word | (sign << (parameters.exponent_bits + fraction_bits))
+
+
+@njit
 def _round_narrow(value: float, parameters: ScalarParameters) -> float:
     """Round a float64, ties to even, for up to 51 fraction bits."""
     magnitude = abs(value)
@@ -169,7 +224,7 @@ def _round_narrow(value: float, parameters: ScalarParameters) -> float:
     return _from_bits((bits >> shift) << shift)
 
 
-@njit(cache=True)
+@njit
 def _add_wide(a: float, b: float, parameters: ScalarParameters) -> float:
     """Add where float64 is too narrow to round twice: 25 to 51 fraction bits."""
     total = a + b
@@ -193,7 +248,7 @@ def _add_wide(a: float, b: float, parameters: ScalarParameters) -> float:
     return _round_narrow(total, parameters)
 
 
-@njit(cache=True)
+@njit
 def _multiply_exact(a: float, b: float, parameters: ScalarParameters) -> float:
     """Multiply finite nonzero normal numbers in integers, for 25 to 52 fraction bits."""
     bits_a = _to_bits(a)
@@ -242,7 +297,7 @@ def _multiply_exact(a: float, b: float, parameters: ScalarParameters) -> float:
     return sign * _from_bits(((exponent + 1023) << 52) | fraction)
 
 
-@njit(cache=True)
+@njit
 def add_scalar(a: float, b: float, parameters: ScalarParameters) -> float:
     """Add two numbers; compiled."""
     if parameters.rounding == _BINARY32_FRACTION:
@@ -264,7 +319,7 @@ def add_scalar(a: float, b: float, parameters: ScalarParameters) -> float:
     return _add_wide(a, b, parameters)
 
 
-@njit(cache=True)
+@njit
 def multiply_scalar(a: float, b: float, parameters: ScalarParameters) -> float:
     """Multiply two numbers; compiled."""
     product = a * b
@@ -285,7 +340,7 @@ def multiply_scalar(a: float, b: float, parameters: ScalarParameters) -> float:
     return _multiply_exact(a, b, parameters)
 
 
-@njit(cache=True)
+@njit
 def reciprocal_sqrt_scalar(
     a: float, parameters: ScalarParameters, table: NDArray[np.int64]
 ) -> float:

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from ukf_sw.engine.arithmetic import (
     ScalarParameters,
     add_scalar,
+    decode_scalar,
+    encode_scalar,
     multiply_scalar,
     reciprocal_sqrt_scalar,
     reciprocal_sqrt_table,
     scalar_parameters,
 )
-from ukf_sw.engine.control_word import BusSource
+from ukf_sw.engine.control_word import READ, WRITE, BusSource
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
@@ -65,43 +67,12 @@ class _Array(NamedTuple):
     zero_pivot_is_legal: bool
 
 
-class _Words(NamedTuple):
-    """Fields of the control words, an array each; the names are those of `ControlFormat`."""
-
-    address_0: NDArray[np.int64]
-    bank_state_0: NDArray[np.int64]
-    bank_factor_0: NDArray[np.int64]
-    address_1: NDArray[np.int64]
-    bank_factor_1: NDArray[np.int64]
-    scalar_address: NDArray[np.int64]
-    use_scalar: NDArray[np.int64]
-    zero: NDArray[np.int64]
-    subtract: NDArray[np.int64]
-    dot: NDArray[np.int64]
-    first: NDArray[np.int64]
-    select: NDArray[np.int64]
-    write: NDArray[np.int64]
-    write_address: NDArray[np.int64]
-    write_bank_state: NDArray[np.int64]
-    write_bank_factor: NDArray[np.int64]
-    write_lanes: NDArray[np.int64]
-    write_bus: NDArray[np.int64]
-    bus_source: NDArray[np.int64]
-    scalar_write: NDArray[np.int64]
-    scalar_write_address: NDArray[np.int64]
-    lanes_observation: NDArray[np.int64]
-    bus_observation: NDArray[np.int64]
-    pivot: NDArray[np.int64]
-    nis: NDArray[np.int64]
-    last: NDArray[np.int64]
-
-
 class _State(NamedTuple):
     """What a program leaves besides the memories."""
 
     error_code: int
     error_index: int
-    nis: float
+    nis: int
     has_nis: bool
     clocks: int
     conflict: bool
@@ -114,13 +85,8 @@ _SINGULAR = int(ErrorCode.SINGULAR_OBSERVATION)
 _NOT_POSITIVE = int(ErrorCode.NOT_POSITIVE_DEFINITE)
 _RING = 256  # more than any latency
 
-
-@njit
-def _flushed(value: float, parameters: ScalarParameters) -> float:
-    """Read a subnormal number, which only the bus can have written, as zero."""
-    if abs(value) < parameters.min_normal:
-        return np.copysign(0.0, value)
-    return value
+#: A control word; the names are those of `ControlFormat`.
+_WORD = np.dtype([(name, np.int32) for name in READ.fields + WRITE.fields])
 
 
 @njit
@@ -144,12 +110,12 @@ def _sum_lanes(terms: NDArray[np.float64], count: int, parameters: ScalarParamet
 
 @njit
 def _execute(
-    words: _Words,
+    words: NDArray[np.void],
     entry: int,
     stop_after: int,
     array: _Array,
     lane_sets: NDArray[np.bool_],
-    memory: NDArray[np.float64],
+    memory: NDArray[np.int64],
     scalars: NDArray[np.float64],
     mask: int,
     state_bank: int,
@@ -162,121 +128,127 @@ def _execute(
     lanes_ring = np.zeros((_RING, pes))
     adder_ring = np.zeros(_RING)
     adder_due = np.full(_RING, -1, dtype=np.int64)
-    load_ring = np.zeros(_RING)
+    load_ring = np.zeros(_RING, dtype=np.int64)
     bus_ring = np.zeros(_RING)
     terms = np.zeros(pes)
-    written = np.zeros(pes)
     error_code = 0
     error_index = 0
-    nis = 0.0
+    nis = 0
     has_nis = False
     conflict = False
     clock = 0
     while stop_after < 0 or clock < stop_after:
-        at = entry + clock
+        word = words[entry + clock]
 
         # Read half: operands, products, and sums that will be due later.
-        address_0 = words.address_0[at]
-        address_1 = words.address_1[at]
-        if words.bank_factor_1[at] and factor_bank:
+        address_0 = word["address_0"]
+        address_1 = word["address_1"]
+        if word["bank_factor_1"] and factor_bank:
             address_1 |= array.bank_offset
-        if (words.bank_state_0[at] and state_bank) or (words.bank_factor_0[at] and factor_bank):
+        if (word["bank_state_0"] and state_bank) or (word["bank_factor_0"] and factor_bank):
             address_0 |= array.bank_offset
-        select = words.select[at]
-        use_scalar = words.use_scalar[at]
-        zero = words.zero[at]
+        select = word["select"]
+        use_scalar = word["use_scalar"]
+        zero = word["zero"]
         load_ring[(clock + array.load) % _RING] = memory[select % pes, address_0]
-        if words.dot[at]:
+        if word["dot"]:
             for lane in range(pes):
                 if lane_sets[select, lane]:
                     terms[lane] = multiply_scalar(
-                        _flushed(memory[lane, address_0], parameters),
-                        _flushed(memory[lane, address_1], parameters),
+                        decode_scalar(memory[lane, address_0], parameters),
+                        decode_scalar(memory[lane, address_1], parameters),
                         parameters,
                     )
                 else:
                     terms[lane] = 0.0
             total = _sum_lanes(terms, pes, parameters)
-            before = 0.0 if words.first[at] else adder_ring[(clock + array.accumulate) % _RING]
+            before = 0.0 if word["first"] else adder_ring[(clock + array.accumulate) % _RING]
             due = clock + array.dot
             adder_ring[due % _RING] = add_scalar(total, before, parameters)
             conflict |= adder_due[due % _RING] == due
             adder_due[due % _RING] = due
         elif use_scalar or zero:
             due = clock + array.lanes
-            scalar = _flushed(scalars[int(words.scalar_address[at])], parameters)
+            scalar = scalars[int(word["scalar_address"])]
             for lane in range(pes):
-                word_0 = _flushed(memory[lane, address_0], parameters)
+                number_0 = decode_scalar(memory[lane, address_0], parameters)
                 product = multiply_scalar(
-                    scalar if use_scalar else word_0,
-                    _flushed(memory[lane, address_1], parameters),
+                    scalar if use_scalar else number_0,
+                    decode_scalar(memory[lane, address_1], parameters),
                     parameters,
                 )
                 lanes_ring[due % _RING, lane] = add_scalar(
-                    0.0 if zero else word_0, -product if words.subtract[at] else product, parameters
+                    0.0 if zero else number_0,
+                    -product if word["subtract"] else product,
+                    parameters,
                 )
             adder_ring[due % _RING] = lanes_ring[due % _RING, pes - 1]
             conflict |= adder_due[due % _RING] == due
             adder_due[due % _RING] = due
 
         # Write half: results that are due now.
-        bus_source = words.bus_source[at]
+        bus_source = word["bus_source"]
         if bus_source == _BUS_LOAD:
-            bus = load_ring[clock % _RING]
+            bus = decode_scalar(load_ring[clock % _RING], parameters)
         elif bus_source == _BUS_ROOT:
-            bus = reciprocal_sqrt_scalar(
-                _flushed(bus_ring[(clock - array.root) % _RING], parameters), parameters, table
-            )
+            bus = reciprocal_sqrt_scalar(bus_ring[(clock - array.root) % _RING], parameters, table)
         else:
             bus = adder_ring[clock % _RING]
         bus_ring[clock % _RING] = bus
-        bus_written = 0.0 if _is_masked(words.bus_observation[at], mask) else bus
-        lanes_masked = _is_masked(words.lanes_observation[at], mask)
-        lanes_finite = True
-        lanes = lane_sets[words.write_lanes[at]]
-        if words.write[at]:
-            for lane in range(pes):
-                if words.write_bus[at]:
-                    written[lane] = bus_written
-                else:
-                    written[lane] = 0.0 if lanes_masked else lanes_ring[clock % _RING, lane]
-                if lanes[lane]:
-                    lanes_finite &= abs(written[lane]) < np.inf
+        bus_masked = _is_masked(word["bus_observation"], mask)
+        lanes_masked = _is_masked(word["lanes_observation"], mask)
+        lanes = lane_sets[word["write_lanes"]]
         if error_code == 0:
-            if words.pivot[at] > 0:
-                row = words.pivot[at] - 1
-                value = _flushed(bus, parameters)
+            if word["pivot"] > 0:
+                row = word["pivot"] - 1
                 observed = row < array.observations
-                if observed and not value > 0.0:
-                    if (mask >> row) & 1 or value != 0.0:
+                if observed and not bus > 0.0:
+                    if (mask >> row) & 1 or bus != 0.0:
                         error_code = _SINGULAR
                         error_index = row
-                elif not observed and not (
-                    value > 0.0 or (value == 0.0 and array.zero_pivot_is_legal)
-                ):
+                elif not observed and not (bus > 0.0 or (bus == 0.0 and array.zero_pivot_is_legal)):
                     error_code = _NOT_POSITIVE
                     error_index = row - array.observations
-            if error_code == 0 and not (
-                lanes_finite and (not words.scalar_write[at] or abs(bus_written) < np.inf)
-            ):
+            finite = True
+            if word["scalar_write"] or (word["write"] and word["write_bus"]):
+                finite = bus_masked or abs(bus) < np.inf
+            if word["write"] and not word["write_bus"] and not lanes_masked:
+                for lane in range(pes):
+                    if lanes[lane]:
+                        finite &= abs(lanes_ring[clock % _RING, lane]) < np.inf
+            if error_code == 0 and not finite:
                 error_code = _NOT_FINITE
         if error_code == 0:
-            if words.write[at]:
-                address = words.write_address[at]
-                if (words.write_bank_state[at] and not state_bank) or (
-                    words.write_bank_factor[at] and not factor_bank
+            bus_word = 0
+            if not bus_masked:
+                # A load passes a word on as it is.
+                if bus_source == _BUS_LOAD:
+                    bus_word = load_ring[clock % _RING]
+                else:
+                    bus_word = encode_scalar(bus, parameters)
+            if word["write"]:
+                address = word["write_address"]
+                if (word["write_bank_state"] and not state_bank) or (
+                    word["write_bank_factor"] and not factor_bank
                 ):
                     address |= array.bank_offset
                 for lane in range(pes):
                     if lanes[lane]:
-                        memory[lane, address] = written[lane]
-            if words.scalar_write[at]:
-                scalars[words.scalar_write_address[at]] = bus_written
-            if words.nis[at]:
-                nis = bus_written
+                        if word["write_bus"]:
+                            memory[lane, address] = bus_word
+                        elif lanes_masked:
+                            memory[lane, address] = 0
+                        else:
+                            memory[lane, address] = encode_scalar(
+                                lanes_ring[clock % _RING, lane], parameters
+                            )
+            if word["scalar_write"]:
+                scalars[word["scalar_write_address"]] = 0.0 if bus_masked else bus
+            if word["nis"]:
+                nis = bus_word
                 has_nis = True
         clock += 1
-        if words.last[at]:
+        if word["last"]:
             break
     return _State(error_code, error_index, nis, has_nis, clock, conflict)
 
@@ -290,6 +262,12 @@ class Interpreter:
         What the core computes.
     pipeline
         How it is built; it decides latencies, never results.
+
+    Attributes
+    ----------
+    memory : array of uint64
+        Every word of the memories, shape (pes, depth). The bus may put any word there: those of
+        subnormal numbers and of NaN stay as they are until a program writes.
     """
 
     def __init__(self, params: UkfParams, pipeline: Pipeline | None = None) -> None:
@@ -298,7 +276,9 @@ class Interpreter:
         self.layout = code.layout
         timing = code.timing
         fields = code.format.decode(code.words)
-        self._words = _Words(**{name: column.astype(np.int64) for name, column in fields.items()})
+        self._words = np.empty(len(code.words), dtype=_WORD)
+        for name, column in fields.items():
+            self._words[name] = column
         self._lane_sets = np.array(
             [[lanes >> lane & 1 for lane in range(params.pes)] for lanes in code.lane_sets],
             dtype=np.bool_,
@@ -316,50 +296,8 @@ class Interpreter:
         )
         self._parameters = scalar_parameters(params.format)
         self._table = reciprocal_sqrt_table(params.format)
-        # Contents as float64. Words that the format does not read as written, subnormal numbers
-        # and NaN with a payload, are kept apart, because a read over the bus returns them.
-        self.memory = params.format.decode(self.layout.initial_words())
+        self.memory = self.layout.initial_words()
         self._scalars = np.zeros(code.scalars)
-        self._raw: dict[tuple[int, int], tuple[int, int]] = {}
-
-    @property
-    def words(self) -> NDArray[np.uint64]:
-        """Contents of the memories, shape (pes, depth)."""
-        words = self.params.format.encode(self.memory)
-        for place in list(self._raw):
-            words[place] = self._raw_word(place, int(words[place]))
-        return words
-
-    def _raw_word(self, place: tuple[int, int], word: int) -> int:
-        """Give the word as it was written over the bus, unless a program has written since."""
-        raw, marker = self._raw.get(place, (0, 0))
-        if marker and int(self.memory[place].view(np.uint64)) == marker:
-            return raw
-        self._raw.pop(place, None)
-        return word
-
-    def read(self, lane: int, address: int) -> int:
-        """Read a word as the bus does."""
-        word = int(self.params.format.encode(self.memory[lane, address]))
-        if (lane, address) in self._raw:
-            return self._raw_word((lane, address), word)
-        return word
-
-    def write(self, lane: int, address: int, word: int, strobe: int = -1) -> None:
-        """Write the bytes of a word that the strobe selects, as the bus does."""
-        fmt = self.params.format
-        kept = self.read(lane, address) if strobe != -1 else 0
-        bits = sum(0xFF << 8 * k for k in range((fmt.width + 7) // 8) if strobe >> k & 1)
-        word = (word & bits | kept & ~bits) & (1 << fmt.width) - 1
-        value = fmt.decode(word)
-        place = (lane, address)
-        self._raw.pop(place, None)
-        self.memory[place] = value
-        if int(fmt.encode(value)) != word:
-            # A quiet NaN or a tiny number that no program writes marks the place.
-            marker = np.float64(np.nan) if np.isnan(value) else np.copysign(5e-324, value)
-            self.memory[place] = marker
-            self._raw[place] = (word, int(self.memory[place].view(np.uint64)))
 
     def run(
         self,
@@ -390,7 +328,7 @@ class Interpreter:
         """
         state = _execute(
             self._words, self.microcode.entry[program], -1 if stop_after is None else stop_after,
-            self._array, self._lane_sets, self.memory, self._scalars,
+            self._array, self._lane_sets, self.memory.view(np.int64), self._scalars,
             mask & (1 << self.params.m) - 1, state_bank, factor_bank, self._parameters,
             self._table,
         )  # fmt: skip
@@ -399,6 +337,6 @@ class Interpreter:
         return RunResult(
             error_code=state.error_code,
             error_index=state.error_index,
-            nis=int(self.params.format.encode(state.nis)) if state.has_nis else None,
+            nis=state.nis & (1 << self.params.format.width) - 1 if state.has_nis else None,
             clocks=self.microcode.clocks(program),
         )

@@ -32,6 +32,8 @@ _POLYNOMIAL_SHARE = Fraction(32, 100)
 # Beyond these the table would outgrow LUTs (linear) or one RAMB18 (quadratic).
 _LINEAR_MAX_INDEX_BITS = 6
 _QUADRATIC_MAX_INDEX_BITS = 8
+# Fraction bits of the exact roots.
+_ROOT_BITS = 80
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,13 +156,19 @@ class ReciprocalSqrtParams:
             curvature = (above + below - 2 * centre) / (2 * (node * half_width) ** 2)
             c2 = round(curvature * (1 << self.c2_fraction_bits))
 
-        residuals: list[Fraction] = []
+        # In integers: the distances, and so the residuals, have few bits after the point.
+        step_bits = self.index_bits + 4
+        line_bits = step_bits + self.c1_fraction_bits
+        square_bits = 2 * step_bits + self.c2_fraction_bits
+        bits = max(_ROOT_BITS, line_bits, square_bits)
+        first = int(middle * (1 << step_bits))
+        residuals: list[int] = []
         for step in range(-8, 9):
-            distance = Fraction(step, 8) * half_width
-            line = distance * Fraction(c1, 1 << self.c1_fraction_bits)
-            square = distance**2 * Fraction(c2, 1 << self.c2_fraction_bits) if c2 else Fraction(0)
-            residuals.append(exact(Fraction(step, 8)) - line - square)
-        constant = (max(residuals) + min(residuals)) / 2
+            root = _scaled_root(1 << step_bits, (first + step) * (1 + odd))
+            line = step * c1 << (bits - line_bits)
+            square = step * step * c2 << (bits - square_bits)
+            residuals.append((root << (bits - _ROOT_BITS)) - line - square)
+        constant = Fraction(max(residuals) + min(residuals), 2 << bits)
         rounding = 1 << (self.c0_fraction_bits - self.root_fraction_bits - 1)
         return round(constant * (1 << self.c0_fraction_bits)) + rounding, c1, c2
 
@@ -268,5 +276,9 @@ def _index_bits(degree: int, accuracy_bits: int) -> int:
 
 def _reciprocal_sqrt(value: Fraction) -> Fraction:
     """Reciprocal square root of a number between 1 and 4, to about 80 bits."""
-    bits = 80
-    return Fraction(math.isqrt((value.denominator << (2 * bits)) // value.numerator), 1 << bits)
+    return Fraction(_scaled_root(value.denominator, value.numerator), 1 << _ROOT_BITS)
+
+
+def _scaled_root(numerator: int, denominator: int) -> int:
+    """Square root of a ratio in units of 2**-80."""
+    return math.isqrt((numerator << (2 * _ROOT_BITS)) // denominator)

@@ -9,9 +9,10 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.drivers.bus import Addresses, WordCodec, Words
+from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.engine.interpreter import Interpreter, RunResult
 from ukf_sw.engine.layout import Layout
+from ukf_sw.golden.buffer import GoldenBuffer
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import (
@@ -44,13 +45,12 @@ from ukf_sw.spec.sequence import (
     find_way,
 )
 
-__all__ = ["Engine", "GoldenCore"]
+__all__ = ["EngineModel", "GoldenCore"]
 
 ALL_BYTES = 0b1111
 WORD_MASK = 0xFFFF_FFFF
 
 _BY_OFFSET = {register.offset: register for register in REGISTERS}
-_OTHER, _STATE, _FACTOR = 1, 2, 3
 _STATE_LSB, _GATED_LSB, _DONE_LSB = (STATUS[name].lsb for name in ("STATE", "GATED", STEPS[0].name))
 _FLAGS = tuple(
     (flag, STATUS[flag.name].mask) for flag in Flag if flag.name and flag is not Flag.PREDICTED
@@ -71,26 +71,15 @@ def _mask_of(register: Register, *kinds: Access) -> int:
 _STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
 
 
-class Engine(Protocol):
-    """What the model needs of an engine; :class:`Interpreter` is one.
+class EngineModel(Protocol):
+    """What the model needs of an engine; :class:`Interpreter` is one."""
 
-    The memory holds numbers; words that are not those of a number as the format rounds it
-    (subnormal ones, NaN) show there as NaN or as subnormal float64 numbers.
-    """
-
-    memory: NDArray[np.float64]
+    #: Every word of the memories, shape (pes, depth).
+    memory: NDArray[np.uint64]
 
     @property
     def layout(self) -> Layout:
         """Where the regions are in the memories."""
-        ...
-
-    def read(self, lane: int, address: int) -> int:
-        """Read a word."""
-        ...
-
-    def write(self, lane: int, address: int, word: int, strobe: int = -1) -> None:
-        """Write the strobed bytes of a word; -1 is all."""
         ...
 
     def run(
@@ -143,40 +132,20 @@ class GoldenCore:
         params: UkfParams,
         pipeline: Pipeline | None = None,
         *,
-        engine: Engine | None = None,
+        engine: EngineModel | None = None,
     ) -> None:
         self.params = params
-        self.engine: Engine = Interpreter(params, pipeline) if engine is None else engine
+        self.engine: EngineModel = Interpreter(params, pipeline) if engine is None else engine
         self.hold = False
-        self._map = MemoryMap(params)
-        self._codec = WordCodec(params.format)
-        self._register_space = self._map.region_stride
+        self._buffer = GoldenBuffer(self.engine.layout, self.engine.memory)
+        self._register_space = MemoryMap(params).region_stride
         self._words = {register: register.after_reset(params) for register in REGISTERS}
-        self._tabulate()
 
         self._step_mask = 0
         self._nis = 0
         self._interrupt_pending = 0
         self.banks = NO_BANK
         self._clear()
-
-    def _tabulate(self) -> None:
-        """Find the place of every word of the buffer."""
-        words = 1 << (self._map.address_width - 2)
-        self._kind = np.zeros(words, dtype=np.int8)
-        self._lane = np.zeros(words, dtype=np.int64)
-        self._address = np.zeros(words, dtype=np.int64)
-        kinds = {"x": _STATE, "L": _FACTOR}
-        layout = self.engine.layout
-        for region in self._map:
-            for row in range(region.rows):
-                for column in range(region.columns):
-                    first = self._map.address(region.symbol, row, column) >> 2
-                    lane, address = layout.buffer_location(region.symbol, row, column)
-                    for word in range(first, first + self.params.format.bus_words):
-                        self._kind[word] = kinds.get(region.symbol, _OTHER)
-                        self._lane[word] = lane
-                        self._address[word] = address
 
     def _clear(self) -> None:
         """Do what RESET does, a running step apart."""
@@ -211,19 +180,6 @@ class GoldenCore:
         """Interrupt line: high while an enabled event is pending."""
         return bool(self._interrupt_pending & self._words[INTERRUPT_ENABLE])
 
-    @property
-    def words(self) -> NDArray[np.uint64]:
-        """Every word of the memories, shape (pes, depth)."""
-        pes, depth = self.engine.memory.shape
-        words = self.params.format.encode(self.engine.memory)
-        special = np.isnan(self.engine.memory) | self._is_tiny(self.engine.memory)
-        for lane, address in np.argwhere(special).tolist():
-            words[lane, address] = self.engine.read(lane, address)
-        return words.reshape(pes, depth)
-
-    def _is_tiny(self, values: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return (values != 0.0) & (np.abs(values) < self.params.format.min_normal)
-
     # Bus accesses.
 
     def read(self, address: int) -> tuple[int, bool]:
@@ -245,12 +201,8 @@ class GoldenCore:
         if 0 <= address < self._register_space:
             register = _BY_OFFSET.get(address)
             return (0, False) if register is None else (self._read_register(register), True)
-        if self.busy or not self._is_mapped(address):
-            return 0, False
-        data = self.engine.read(*self._place(address))
-        if self._is_high(address):
-            data >>= 32
-        return data & WORD_MASK, True
+        word = None if self.busy else self._buffer.read(address, self.banks)
+        return (0, False) if word is None else (word, True)
 
     def write(self, address: int, data: int, strobe: int = ALL_BYTES) -> bool:
         """Write a word over the bus.
@@ -270,37 +222,25 @@ class GoldenCore:
             False for SLVERR, and nothing has happened then.
         """
         address &= ~0b11
+        bits = _strobe_bits(strobe)
         if 0 <= address < self._register_space:
             register = _BY_OFFSET.get(address)
             if register is None:
                 return False
-            self._write_register(register, data & WORD_MASK, _strobe_bits(strobe))
+            self._write_register(register, data & WORD_MASK, bits)
             return True
-        if self.busy or not self._is_mapped(address):
+        if self.busy:
             return False
-        if strobe & ALL_BYTES:
-            shift = 4 if self._is_high(address) else 0
-            self.engine.write(
-                *self._place(address),
-                (data & WORD_MASK) << 8 * shift,
-                (strobe & ALL_BYTES) << shift,
-            )
-            self._note_write(int(self._kind[address >> 2]))
+        outdated = self._buffer.write(address, data, bits, self.banks)
+        if outdated is None:
+            return False
+        if bits:
+            self.flags &= ~outdated
         return True
 
     def read_many(self, addresses: Addresses) -> Words | None:
         """Read many words of the buffer; None if :meth:`read` would answer any with SLVERR."""
-        place = self._places(addresses)
-        if place is None:
-            return None
-        values = self.engine.memory[place]
-        # A sum of magnitudes is the quickest way to find NaN; tiny numbers are rare as well.
-        if np.isnan(values).any() or self._is_tiny(values).any():
-            return np.array([self.read(int(address))[0] for address in addresses], dtype=np.uint32)
-        if self.params.format.bus_words == 1:
-            return self._codec.to_words(values)
-        pairs = self._codec.to_words(values).reshape(-1, 2)
-        return pairs[np.arange(len(addresses)), addresses >> 2 & 1]
+        return None if self.busy else self._buffer.read_many(addresses, self.banks)
 
     def write_many(self, addresses: Addresses, words: Words) -> int:
         """Write many words of the buffer, in order, up to the first that is refused.
@@ -310,8 +250,9 @@ class GoldenCore:
         int
             How many words were written.
         """
-        place = self._places(addresses)
-        if place is not None and self._write_block(addresses, words, place):
+        outdated = None if self.busy else self._buffer.write_many(addresses, words, self.banks)
+        if outdated is not None:
+            self.flags &= ~outdated
             return len(addresses)
         for count, (address, word) in enumerate(
             zip(addresses.tolist(), words.tolist(), strict=True)
@@ -319,61 +260,6 @@ class GoldenCore:
             if not self.write(address, word):
                 return count
         return len(addresses)
-
-    def _write_block(
-        self,
-        addresses: Addresses,
-        words: Words,
-        place: tuple[NDArray[np.int64], NDArray[np.int64]],
-    ) -> bool:
-        """Write words that are whole, ordinary numbers; False if they are not."""
-        if self.params.format.bus_words == 2:
-            low, high = addresses[::2], addresses[1::2]
-            if len(low) != len(high) or (low & 7).any() or (high != low + 4).any():
-                return False
-            place = (place[0][::2], place[1][::2])
-        words = words & np.uint32(WORD_MASK >> max(32 - self.params.format.width, 0))
-        values = self._codec.from_words(words)
-        if np.isnan(values).any() or (self._codec.to_words(values) != words).any():
-            return False
-        self.engine.memory[place] = values
-        for kind in (_STATE, _FACTOR):
-            if (self._kind[addresses >> 2] == kind).any():
-                self._note_write(kind)
-        return True
-
-    def _places(self, addresses: Addresses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
-        """Lanes and addresses in the memories; None if any access would be refused."""
-        index = addresses >> 2
-        if self.busy or (index < 0).any() or (index >= len(self._kind)).any():
-            return None
-        kind = self._kind[index]
-        if not kind.all():
-            return None
-        offset = self.engine.layout.bank_offset
-        turned = np.array([0, 0, self.state_bank * offset, self.factor_bank * offset])
-        return self._lane[index], self._address[index] + turned[kind]
-
-    def _is_mapped(self, address: int) -> bool:
-        """Whether an address, outside of the register block, is an element."""
-        return 0 <= address >> 2 < len(self._kind) and bool(self._kind[address >> 2])
-
-    def _is_high(self, address: int) -> bool:
-        """Whether an address is the upper word of an element."""
-        return self.params.format.bus_words == 2 and bool(address & 4)
-
-    def _place(self, address: int) -> tuple[int, int]:
-        """Lane and address in the memories of an element."""
-        lane, within = int(self._lane[address >> 2]), int(self._address[address >> 2])
-        kind = self._kind[address >> 2]
-        bank = {_STATE: self.state_bank, _FACTOR: self.factor_bank}.get(int(kind), 0)
-        return lane, within + bank * self.engine.layout.bank_offset
-
-    def _note_write(self, kind: int) -> None:
-        """Follow a write to the buffer: what the memories hold has changed."""
-        symbol = {_STATE: "x", _FACTOR: "L"}.get(kind)
-        if symbol is not None:
-            self.flags &= ~self._map[symbol].forgets
 
     # Registers.
 
