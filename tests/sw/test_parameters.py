@@ -153,6 +153,12 @@ def test_switches():
         entry.read("yes")
 
 
+def test_whole_number_may_stand_for_any():
+    core = Core(params=UkfParams(n=1, m=1, W0=0))
+    assert type(PARAMETERS["W0"].cell(0)) is float
+    assert json.dumps(core.record()) == json.dumps(Core(params=UkfParams(n=1, m=1)).record())
+
+
 def test_limits():
     check_parameters(Sample(ports=1000, gain=3))
     with pytest.raises(ValueError, match=r"^ports must be at least 2, not 1$"):
