@@ -8,6 +8,8 @@ from numba import njit
 from ukf_sw.engine import arithmetic
 from ukf_sw.engine.arithmetic import (
     add_scalar,
+    decode_scalar,
+    encode_scalar,
     multiply_scalar,
     reciprocal_sqrt_scalar,
     reciprocal_sqrt_table,
@@ -178,3 +180,38 @@ def test_kernels_work_in_compiled_code(fmt):
 
     actual = kernel(1.5, 4.0, scalar_parameters(fmt), reciprocal_sqrt_table(fmt))
     assert actual == 6.5
+
+
+@njit
+def _decode_all(words, parameters):
+    return np.array([decode_scalar(word, parameters) for word in words])
+
+
+@njit
+def _encode_all(values, parameters):
+    return np.array([encode_scalar(value, parameters) for value in values])
+
+
+@pytest.mark.parametrize("fmt", ALL_FORMATS, ids=lambda fmt: fmt.name)
+def test_words_in_compiled_code(fmt):
+    """Every word of the short formats; else extreme ones and random ones."""
+    if fmt.width <= 16:
+        words = np.arange(1 << fmt.width, dtype=np.uint64)
+    else:
+        rng = np.random.default_rng(fmt.width)
+        words = rng.integers(0, 1 << 64, 20_000, dtype=np.uint64) >> np.uint64(64 - fmt.width)
+        least_normal = 1 << fmt.fraction_bits
+        ends = np.array(
+            [0, 1, least_normal - 1, least_normal, fmt.infinity - 1, fmt.infinity,
+             fmt.infinity | 1, fmt.nan, fmt.nan | 5], dtype=np.uint64,
+        )  # fmt: skip
+        words = np.concatenate((words, ends, ends | np.uint64(1 << (fmt.width - 1))))
+    parameters = scalar_parameters(fmt)
+    numbers = _decode_all(words.view(np.int64), parameters)
+    expected = fmt.decode(words)
+    np.testing.assert_array_equal(numbers, expected)
+    regular = ~np.isnan(expected)
+    np.testing.assert_array_equal(np.signbit(numbers)[regular], np.signbit(expected)[regular])
+    # Back again: the one NaN, zeros for subnormal numbers.
+    again = _encode_all(numbers, parameters).view(np.uint64)
+    np.testing.assert_array_equal(again, fmt.encode(expected))

@@ -7,6 +7,9 @@ made something slower; nothing is judged by them.
 import json
 import os
 import platform
+import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -34,6 +37,20 @@ MEASURED = Path(__file__).parents[2] / "measured" / "bench.json"
 SIZES = (7, 15, 31)
 #: Processing elements of all measurements.
 PES = 2
+
+# What a user does first; the prior points serve as transformed ones.
+_FIRST_STEP = """
+import numpy as np
+from ukf_sw.backends import make_backend
+from ukf_sw.spec.parameters import UkfParams
+
+p = UkfParams(n={p.n}, m={p.m}, q={p.q}, r={p.r}, pes={pes})
+backend = make_backend("golden", p)
+backend.initialise(np.zeros(p.n), np.eye(p.n), np.eye(p.q), np.eye(p.r))
+points = backend.sigma_points()
+backend.predict(points)
+backend.update(points[: p.m], np.zeros(p.m), np.ones(p.m, dtype=bool))
+"""
 
 
 class _Points:
@@ -122,6 +139,30 @@ def _models(steps: int) -> dict[str, float]:
     rates["filterpy"] = steps / _seconds(lambda: run_filterpy(scenario, steps))
     rates["golden_to_filterpy"] = rates["golden"] / rates["filterpy"]
     return rates
+
+
+def _processor_seconds(script: str, cache: str) -> float:
+    """Processor time of a script in a fresh process, in s, with a folder for compiled code."""
+    before = os.times()
+    subprocess.run(
+        [sys.executable, "-c", script], env=os.environ | {"NUMBA_CACHE_DIR": cache}, check=True
+    )
+    after = os.times()
+    return (
+        after.children_user - before.children_user + after.children_system - before.children_system
+    )
+
+
+def _first_step(repeats: int = 5) -> dict[str, float]:
+    """First predict and update of a process on the golden model, in s of processor time."""
+    script = _FIRST_STEP.format(p=NANOSAT, pes=PES)
+    cold: list[float] = []
+    warm: list[float] = []
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as cache:
+            cold.append(_processor_seconds(script, cache))
+            warm.append(_processor_seconds(script, cache))
+    return {"cold_seconds": statistics.median(cold), "warm_seconds": statistics.median(warm)}
 
 
 def _cosimulation(steps: int) -> dict[str, float]:
@@ -214,7 +255,8 @@ def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
     }
     with Progress() as bars:
         jobs = {
-            "models": lambda: _models(steps), "cosimulation": lambda: _cosimulation(cosimulated),
+            "models": lambda: _models(steps), "first_step": _first_step,
+            "cosimulation": lambda: _cosimulation(cosimulated),
             "generator": _generator, "sweep": _sweep,
         }  # fmt: skip
         bar = bars.add_task("Measuring", total=len(jobs))
@@ -228,6 +270,7 @@ def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
 def markdown(record: dict[str, Any]) -> str:
     """Write measurements as a table."""
     models, cosim, sweep = record["models"], record["cosimulation"], record["sweep"]
+    first = record["first_step"]
     computer = record["computer"]
     lines = [
         "| What | Speed |",
@@ -235,6 +278,10 @@ def markdown(record: dict[str, Any]) -> str:
         f"| golden model, nanosatellite | {models['golden']:.0f} iterations a second |",
         f"| filterpy, float64, same data | {models['filterpy']:.0f} iterations a second |",
         f"| golden model to filterpy | {models['golden_to_filterpy']:.2f} |",
+        (
+            "| first step of a process on the golden model, processor time, then of the next one | "
+            f"{first['cold_seconds']:.1f} s, {first['warm_seconds']:.1f} s |"
+        ),
         f"| float64 reference | {models['reference']:.0f} iterations a second |",
         (
             f"| co-simulation in lockstep | {cosim['iterations_per_second']:.1f} iterations, "

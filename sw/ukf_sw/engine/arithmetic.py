@@ -15,7 +15,7 @@ There are two forms:
   format (and the third one also what :func:`reciprocal_sqrt_table` gives) as ordinary arguments, so
   code is compiled once and serves all formats. They do not check that operands are representable::
 
-      @njit
+      @compiled
       def dot(x, y, parameters):
           total = 0.0
           for index in range(x.size):
@@ -32,6 +32,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportUnknownVariableType]
 from numpy.typing import ArrayLike, NDArray
 
+from ukf_sw.engine.kernel_cache import compiled
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.float_format import FloatFormat
 
@@ -392,7 +393,7 @@ def reciprocal_sqrt_scalar(
 # Arrays.
 
 
-@njit(cache=True)
+@compiled
 def _add_all(
     a: NDArray[np.float64], b: NDArray[np.float64], parameters: ScalarParameters
 ) -> NDArray[np.float64]:
@@ -402,7 +403,7 @@ def _add_all(
     return result
 
 
-@njit(cache=True)
+@compiled
 def _multiply_all(
     a: NDArray[np.float64], b: NDArray[np.float64], parameters: ScalarParameters
 ) -> NDArray[np.float64]:
@@ -412,7 +413,7 @@ def _multiply_all(
     return result
 
 
-@njit(cache=True)
+@compiled
 def _reciprocal_sqrt_all(
     a: NDArray[np.float64], parameters: ScalarParameters, table: NDArray[np.int64]
 ) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from ukf_sw.engine.arithmetic import (
     scalar_parameters,
 )
 from ukf_sw.engine.control_word import READ, WRITE, BusSource
+from ukf_sw.engine.kernel_cache import compiled
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
@@ -108,7 +109,7 @@ def _sum_lanes(terms: NDArray[np.float64], count: int, parameters: ScalarParamet
     return terms[0]
 
 
-@njit
+@compiled
 def _execute(
     words: NDArray[np.void],
     entry: int,
