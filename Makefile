@@ -22,10 +22,10 @@ $(STAMP): pyproject.toml
 
 install: $(STAMP) ## Make the environment in .venv
 
-demo: $(STAMP) ## Generate the core with 2 PEs; fly the nanosatellite on it for 2 s (1 to 2 minutes)
-	@echo "Generating the core, then compiling it and simulating 2 s of flight: 1 to 2 minutes"
+demo: $(STAMP) ## Generate the core with 2 PEs; run 1.5 s of the nanosatellite on it (1 to 2 minutes)
+	@echo "Generating the core, then compiling it and simulating 1.5 s of flight: 1 to 2 minutes on 2 cores"
 	$(BIN)/ukf generate --config nanosat --pes 2 --output build/demo/core
-	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 2000 --plot build/demo/attitude.png
+	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1500 --plot build/demo/attitude.png
 	@echo
 	@echo "A satellite's attitude was estimated 1000 times a second by the generated Verilog in build/demo/core,"
 	@echo "clock by clock, driven by the C code that a board would run; every bit equals the golden model's."
