@@ -163,7 +163,9 @@ def test_every_header_stands_alone_in_c_and_in_cxx(header, c_folder, tmp_path):
         )  # fmt: skip
         assert result.returncode == 0, f"{standard}: {result.stderr}"
     folder = c_folder if header in GENERATED else C_SOURCES
-    assert 'extern "C" {' in (folder / header).read_text(encoding="utf-8")
+    text = (folder / header).read_text(encoding="utf-8")
+    assert '\n#ifdef __cplusplus\nextern "C" {\n#endif\n' in text
+    assert text.endswith("\n#ifdef __cplusplus\n}\n#endif\n\n#endif\n")
 
 
 def written_command(folder):

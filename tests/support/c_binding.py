@@ -255,8 +255,8 @@ class CFilter:
             prepared += [_real(self._work), WORD(work)]
         result = getattr(self._library, name)(self._ukf, *prepared)
         if result != Result.OK:
-            named = {int(item): item for item in Result}
-            raise CFilterError(named.get(result, result), self.fault)
+            known = result in set(Result)
+            raise CFilterError(Result(result) if known else result, self.fault)
 
     @staticmethod
     def _numbers(value: ArrayLike | None) -> Array | None:

@@ -75,6 +75,17 @@ def test_attitude_error_is_the_rotation_in_the_body_frame():
             np.testing.assert_allclose(error, [[abs(degrees), *vector]], atol=1e-9)
 
 
+def test_deviations_of_an_attitude_are_those_of_errors_drawn_from_the_covariance():
+    rng = np.random.default_rng(9)
+    for scale in (1.0, 1.02):
+        x = np.append(scale * unit(rng), np.zeros(3))
+        A = 1e-4 * rng.standard_normal((7, 7))
+        drawn = x + (A @ rng.standard_normal((7, 100_000))).T
+        errors = nanosat.attitude_error(np.broadcast_to(x / scale, drawn.shape), drawn)
+        found = nanosat.attitude_deviations(x[None], (A @ A.T)[None])
+        np.testing.assert_allclose(found[0], np.sqrt(np.mean(errors**2, axis=0)), rtol=0.01)
+
+
 # Models.
 
 

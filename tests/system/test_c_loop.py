@@ -1,22 +1,30 @@
 """C in the loop: the C driver and application drive the Verilog, against the golden model."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sim.c_in_the_loop.compiler import Toolchain
+from ukf_sim.c_in_the_loop.compiler import CompilerError, Toolchain
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results, run_c_in_the_loop
 from ukf_sim.session import step_timeout
+from ukf_sim.simulators import SimulatorError
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.scenario_files import HEADER, export_scenario, read_results
-from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat, nanosat_2014_rates
+from ukf_sw.problems.systems.nanosat import (
+    NANOSAT,
+    attitude_deviations,
+    nanosat,
+    nanosat_2014_rates,
+)
 from ukf_sw.spec.parameters import Pipeline
 from ukf_sw.spec.sequence import Program
 from ukf_tools.cli import app
+from ukf_tools.cli.c_software import describe_attitude
 
 STEPS = 5
 
@@ -51,6 +59,18 @@ def test_c_drives_the_verilog_bit_for_bit(core_cache):
             assert 2.0 <= word <= 6.0
         assert outcome.cpu_seconds > 0.0
         assert outcome.seconds > 0.0
+        assert outcome.results.covariances is None
+    plain = outcome.results
+    outcome = run_c_in_the_loop(
+        made, STEPS, cache=core_cache, optimise=False, covariances=True
+    )  # fmt: skip
+    assert outcome.mismatch is None
+    assert not outcome.build.compiled
+    assert outcome.results.x.tobytes() == plain.x.tobytes(), "reading P changes nothing"
+    assert outcome.results.covariances.shape == (STEPS, 7, 7)
+    assert (outcome.results.covariances[-1] == plain.P).all()
+    # The triangle, the start bit, STATUS and INTERRUPT_PENDING, ERROR, at each step.
+    assert outcome.words > (362 + 28 + 4) * STEPS
 
 
 @needs_cc
@@ -63,6 +83,21 @@ def test_a_thousand_iterations(core_cache):
     assert not outcome.results.results.any()
     last = slice(500, None)
     assert made.error(outcome.results.x[last], made.truth[last])[:, 0].max() < 0.2
+
+
+def test_missing_tools_are_named_at_once(core_cache, monkeypatch, tmp_path):
+    """Before anything is generated."""
+    told = []
+    for missing, error in (("cc", CompilerError), ("c++", SimulatorError)):
+        folder = tmp_path / missing
+        folder.mkdir()
+        for name in {"cc", "make", "perl", "c++"} - {missing}:
+            (folder / name).write_text("#!/bin/sh\n")
+            (folder / name).chmod(0o755)
+        monkeypatch.setenv("PATH", str(folder))
+        with pytest.raises(error, match=rf"^{re.escape(missing)}( |, ).*is not installed$"):
+            run_c_in_the_loop(scenario(), STEPS, cache=core_cache, progress=told.append)
+    assert not told
 
 
 def test_differences_are_found():
@@ -83,6 +118,12 @@ def test_differences_are_found():
     assert first_difference(replace(expected, x=x[:2]), expected) == "2 steps, not 5"
     assert first_difference(replace(expected, P=None), expected) == "P at the end"
     assert first_difference(replace(expected, P=-expected.P), expected) == "P at the end"
+    expected = golden_results(scenario(pes=1), STEPS, covariances=True)
+    assert (expected.covariances[-1] == expected.P).all()
+    P = expected.covariances.copy()
+    P.view(np.uint64)[3, 2, 1] ^= 1
+    found = first_difference(replace(expected, covariances=P), expected)
+    assert found.startswith("covariances of step 3: ")
 
 
 def test_a_step_has_the_time_it_needs():
@@ -110,11 +151,11 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
     assert words.tolist() == [0x53464B55, 1, 7, 6, 7, 6, 3, 30, 0, 0]
     numbers = np.frombuffer(data, "<f8", (len(data) - 40 - 30 * 4) // 8, 40)
     text = header.read_text()
-    interval = float.fromhex(text.split(".interval = ")[1].split(",")[0])
+    interval = float.fromhex(re.search(r"(\S+), /\* interval \*/", text)[1])
     constants = [
         float.fromhex(word)
         for line in text.splitlines()
-        if line.startswith("    ") and "p" in line and "=" not in line
+        if line.startswith("    ") and "p" in line and "/*" not in line
         for word in line.replace(",", " ").split()
     ]
     assert numbers.tolist() == [interval, *constants]
@@ -146,6 +187,52 @@ def test_a_file_of_results_must_be_whole(tmp_path):
         ValueError, match=r"results.bin must have 464 bytes, or whole steps, not 100$"
     ):
         read_results(path, NANOSAT, 1)
+
+
+def test_results_with_the_covariance_of_each_step(tmp_path):
+    rng = np.random.default_rng(0)
+    kind = [("x", "<f8", 7), ("P", "<f8", (7, 7)), ("nis", "<f8"), ("codes", "<u4", 2)]
+    rows = np.zeros(3, dtype=kind)
+    rows["x"], rows["P"] = rng.standard_normal((3, 7)), rng.standard_normal((3, 7, 7))
+    rows["nis"], rows["codes"] = rng.standard_normal(3), [[0, 0], [65, 0], [0, 1]]
+    path = tmp_path / "results.bin"
+    for end in (b"", rows["P"][-1].tobytes()):
+        path.write_bytes(rows.tobytes() + end)
+        found = read_results(path, NANOSAT, 3, covariances=True)
+        assert (found.x == rows["x"]).all()
+        assert (found.covariances == rows["P"]).all()
+        assert (found.nis == rows["nis"]).all()
+        assert found.results.tolist() == [0, 65, 0]
+        assert found.gated.tolist() == [False, False, True]
+        assert (found.P is None) == (not end)
+    assert (rows["P"][-1] == found.P).all()
+
+
+# Plot.
+
+
+def test_the_plot_says_when_the_error_is_below_its_line(tmp_path):
+    """What is printed beside it, from errors that are known."""
+    made = scenario(60, pes=1)
+    expected = golden_results(made, 60, covariances=True)
+    x = made.truth.copy()
+    errors = np.full(60, 0.05)
+    errors[[0, 3, 20]] = 0.5, 0.5, 0.11
+    half = np.radians(errors)[:, None] / 2.0
+    q = made.truth[:, :4]
+    about_x = np.array([q[:, 3], q[:, 2], -q[:, 1], -q[:, 0]]).T
+    x[:, :4] = q * np.cos(half) + about_x * np.sin(half)
+    found = replace(expected, x=x)
+    image = tmp_path / "new" / "attitude.png"
+    told = describe_attitude(image, made, found, "title")
+    assert image.read_bytes().startswith(b"\x89PNG")
+    assert told["error_at_end"] == pytest.approx(0.05)
+    assert told["below_limit_from"] == made.times[21]
+    band = 3.0 * attitude_deviations(x, expected.covariances)[:, 0]
+    assert told["within_band"] == pytest.approx((errors < band).mean())
+    assert told["within_band"] > 0.5
+    x[-1] = x[0]
+    assert describe_attitude(image, made, found, "title")["below_limit_from"] is None
 
 
 # Command line.

@@ -1,12 +1,14 @@
 """Commands about the C software: ``ukf export``, ``ukf c-loop``, ``ukf c-arm``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.table import Table
 
 from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.judging import LIMIT
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -23,9 +25,14 @@ from ukf_tools.cli.options import (
     BusLatencyOption,
     InterruptOption,
     P0Option,
+    PlotOption,
     SeedOption,
     with_core,
 )
+
+if TYPE_CHECKING:
+    from ukf_sw.problems.scenario import Scenario
+    from ukf_sw.problems.scenario_files import CResults
 
 __all__ = ["c_arm", "c_loop", "export"]
 
@@ -72,6 +79,7 @@ def c_loop(
     steps: StepsOption = 1000,
     seed: SeedOption = 0,
     p0: P0Option = 1.0,
+    plot: PlotOption = None,
     interrupt: InterruptOption = True,
     bus_latency: BusLatencyOption = 0.0,
     beside_cocotb: Annotated[
@@ -87,7 +95,7 @@ def c_loop(
 ) -> None:
     """Run the C driver and the C nanosatellite on the simulated core, against the golden model.
 
-    The exit code is 1 if a bit differs.
+    The exit code is 1 if a bit differs. For a plot, the covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
@@ -101,7 +109,7 @@ def c_loop(
         try:
             outcome = run_c_in_the_loop(
                 scenario, steps, pipeline=core.pipeline, interrupt=interrupt,
-                word_clocks=bus_latency,
+                word_clocks=bus_latency, covariances=plot is not None,
                 progress=lambda what: bars.update(bar, description=what.capitalize()),
             )  # fmt: skip
             cocotb = None
@@ -121,6 +129,9 @@ def c_loop(
         "bus_clocks_per_iteration": outcome.bus_clocks / steps,
         "rates": _rates(steps, outcome.seconds, outcome.cpu_seconds),
         "cocotb_rates": None if cocotb is None else _rates(beside_cocotb, *cocotb),
+        "attitude": None
+        if plot is None
+        else describe_attitude(plot, scenario, outcome.results, core.title),
     }
     if as_json:
         print_json(record)
@@ -177,6 +188,50 @@ def c_arm(
         raise typer.Exit(1)
 
 
+def describe_attitude(
+    plot: Path, scenario: "Scenario", found: "CResults", title: str
+) -> dict[str, Any]:
+    """Draw an attitude with its band, and give in numbers what the plot shows.
+
+    Parameters
+    ----------
+    plot
+        Image to write.
+    scenario
+        A nanosatellite.
+    found
+        Results with covariances.
+    title
+        Name of the core.
+
+    Raises
+    ------
+    ValueError
+        If there are no covariances.
+    """
+    from ukf_sw.problems.systems.nanosat import attitude_deviations
+    from ukf_tools.evaluate.attitude_plot import SIGMAS, plot_attitude
+
+    x, P = found.x, found.covariances
+    if P is None:
+        raise ValueError("found must have the covariances")
+    title = f"{title}: C driver on the simulated core"
+    try:
+        plot_attitude(plot, scenario, x, P, limit=LIMIT, title=title)
+    except OSError as error:
+        fail(f"{plot}: {error.strerror}", 1)
+    errors = scenario.error(x, scenario.truth[: len(x)])[:, 0]
+    above = np.flatnonzero(errors >= LIMIT)
+    settled = 0 if not above.size else int(above[-1]) + 1
+    return {
+        "plot": str(plot),
+        "limit": LIMIT,
+        "error_at_end": float(errors[-1]),
+        "below_limit_from": float(scenario.times[settled]) if settled < len(errors) else None,
+        "within_band": float(np.mean(errors < SIGMAS * attitude_deviations(x, P)[:, 0])),
+    }
+
+
 def _rates(steps: int, seconds: float, cpu_seconds: float) -> dict[str, float]:
     """Iterations per second of time, and of the processor."""
     return {"time": steps / seconds, "processor": steps / cpu_seconds}
@@ -203,7 +258,8 @@ def _print(core: Core, record: dict) -> None:
     table.add_column()
     table.add_column(justify="right")
     table.add_row("iterations", str(record["steps"]))
-    table.add_row("clocks an iteration, driver and bus included",
+    also = "" if record["attitude"] is None else ", and the reading of P"
+    table.add_row(f"clocks an iteration, driver and bus included{also}",
                   f"{record['clocks_per_iteration']:.0f}")  # fmt: skip
     table.add_row("bus words an iteration", f"{record['words_per_iteration']:.1f}")
     for kind, words in (("time", "iterations a second"),
@@ -215,7 +271,20 @@ def _print(core: Core, record: dict) -> None:
             table.add_row("the same with Python under cocotb", f"{other:.1f}")
             table.add_row("ratio", f"{rate / other:.1f}")
     results.print(table)
+    if record["attitude"] is not None:
+        _print_attitude(record["attitude"])
     _print_verdict(record["mismatch"])
+
+
+def _print_attitude(attitude: dict[str, Any]) -> None:
+    since = attitude["below_limit_from"]
+    below = "not below" if since is None else f"from {since:.3f} s on below"
+    results.print(
+        f"Attitude error: {attitude['error_at_end']:.3f} degrees at the end, {below} "
+        f"{attitude['limit']:g} degrees; within the filter's own 3 standard deviations for "
+        f"{attitude['within_band']:.1%} of the steps\nPlot: {attitude['plot']}",
+        soft_wrap=True, highlight=False,
+    )  # fmt: skip
 
 
 def _print_verdict(mismatch: str | None) -> None:

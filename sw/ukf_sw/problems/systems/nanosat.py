@@ -36,6 +36,7 @@ __all__ = [
     "NANOSAT_ADDITIVE",
     "Body",
     "NanosatSettings",
+    "attitude_deviations",
     "attitude_error",
     "multiply",
     "nanosat",
@@ -357,6 +358,31 @@ def attitude_error(x: Array, truth: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(length > 0.0, angle / length, 0.0)
     return np.degrees(np.vstack((angle, difference[:3] * scale))).T
+
+
+def attitude_deviations(x: Array, P: Array) -> Array:
+    """Standard deviations of the attitude errors that covariances stand for, if they are small.
+
+    Parameters
+    ----------
+    x
+        Estimates, shape (K, 4 or more).
+    P
+        Their covariances, shape (K, 4 or more, 4 or more).
+
+    Returns
+    -------
+    array of shape (K, 4)
+        As :func:`attitude_error`; for the total error the root of its mean square. In degrees.
+    """
+    length = np.linalg.norm(x[:, :4], axis=1)
+    inverse = (x[:, :4] / length[:, None]).T * np.array([[-1.0], [-1.0], [-1.0], [1.0]])
+    # Columns of the error's derivative, which is linear in the quaternion: 2 (q* d) of its vector.
+    columns = [multiply(inverse, np.eye(4)[i][:, None])[:3] for i in range(4)]
+    derivative = 2.0 * np.array(columns).transpose(2, 1, 0) / length[:, None, None]
+    variances = np.einsum("kai,kij,kaj->ka", derivative, P[:, :4, :4], derivative)
+    total = variances.sum(axis=1, keepdims=True)
+    return np.degrees(np.sqrt(np.hstack((total, variances))))
 
 
 # Scenarios.
