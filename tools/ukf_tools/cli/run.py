@@ -1,6 +1,6 @@
 """Command ``ukf run``."""
 
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +16,7 @@ from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_c
 __all__ = ["run"]
 
 
-class BackendName(StrEnum):
+class BackendName(str, Enum):
     """What computes a run."""
 
     GOLDEN = "golden"
