@@ -9,7 +9,15 @@ from rich.table import Table
 
 from ukf_sw.problems.configurations import Problem
 from ukf_sw.spec.core import Core
-from ukf_tools.cli.console import JsonOption, checked, number, print_json, progress_bars, results
+from ukf_tools.cli.console import (
+    JsonOption,
+    checked,
+    needs,
+    number,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_tools.cli.judgement import print_accuracy, print_stop
 from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
 
@@ -23,6 +31,7 @@ class BackendName(str, Enum):
     REFERENCE = "reference"
 
 
+@needs()
 @with_core
 def run(
     core: Core,
