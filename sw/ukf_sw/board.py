@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ukf_sw.backends import make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import UkfError
+from ukf_sw.extras import MissingExtraError
 from ukf_sw.problems.scenario import Results, Scenario, run
 from ukf_sw.problems.systems.nanosat import nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
@@ -117,7 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit code: 0, 1 if the core, its device or the comparison failed, 2 for bad arguments.
+        Exit code: 0, 1 if the core, its device or the comparison failed, 2 for bad arguments or a
+        backend that is not installed.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -129,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         start = time.perf_counter()
         results = run(scenario, backend)
         seconds = time.perf_counter() - start
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, MissingExtraError) as error:
         print(f"Error: {error}", file=sys.stderr)
         return 2
     except UkfError as error:

@@ -68,6 +68,11 @@ def wrap(
     return angles - TURN * np.round((angles - reference) / TURN)
 
 
+def _add_note(error: Exception, note: str) -> None:
+    """Add a note to an error; before Python 3.11 it is kept, though no traceback prints it."""
+    error.__dict__.setdefault("__notes__", []).append(note)
+
+
 class CheckedModel:
     """A user's model, with checks of what it does; see :mod:`ukf_sw.models`.
 
@@ -199,9 +204,10 @@ class CheckedModel:
         try:
             return self.function(x, w, *arguments, **keywords)
         except Exception as error:
-            error.add_note(
+            _add_note(
+                error,
                 f"in {self.name}, {where}, called with x of shape {x.shape} and "
-                f"{self._noise} of shape {w.shape}"
+                f"{self._noise} of shape {w.shape}",
             )
             raise
 

@@ -3,14 +3,14 @@
 import asyncio
 import mmap
 import os
-import socket
 import sys
-import threading
 import types
 
 import numpy as np
 import pytest
 
+from support.emulated_core import UioDevice, emulated_core
+from support.emulated_core import main as run_on_emulated_board
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.board import main
 from ukf_sw.drivers.driver import Driver
@@ -24,18 +24,14 @@ from ukf_sw.errors import (
     DevicePermissionError,
     WrongCoreError,
 )
-from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.golden import GoldenBus
 from ukf_sw.problems.scenario import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import (
-    CONTROL,
-    GATE_LOW,
     ID,
-    INTERRUPT_ENABLE,
-    INTERRUPT_PENDING,
     MASK,
     REGISTERS,
     STATUS,
@@ -46,75 +42,9 @@ SIZE = max(1 << MemoryMap(PARAMS).address_width, mmap.PAGESIZE)
 STEPS = 20
 
 
-class UioDevice:
-    """What stands behind /dev/uioN: a shared memory, a core, and its interrupt line.
-
-    The core looks at the memory when the interrupt is enabled, which is when a driver begins to
-    wait. It then takes what was written, does the step, and leaves the results. The other end of a
-    socket pair is the descriptor that a driver polls, reads and writes.
-    """
-
-    def __init__(self, params=PARAMS, *, silent=False):
-        self.core = GoldenCore(params)
-        self.bus = GoldenBus(self.core)
-        self.silent = silent
-        self.waits = 0
-        self.memory = os.memfd_create("core")
-        os.ftruncate(self.memory, SIZE)
-        self.words = np.frombuffer(mmap.mmap(self.memory, SIZE), dtype=np.uint32)
-        self.here, there = socket.socketpair()
-        self.events = there.detach()
-        memory_map = MemoryMap(params)
-        self.buffer = [
-            memory_map.address(region.symbol, row, column)
-            for region in memory_map
-            for row in range(region.rows)
-            for column in range(region.columns)
-        ]
-        self.shown = {}
-        self.show()
-        self.thread = threading.Thread(target=self.work, daemon=True)
-        self.thread.start()
-
-    def show(self):
-        """Leave registers and buffer in the memory."""
-        for address in (*(register.offset for register in REGISTERS), *self.buffer):
-            if address != CONTROL.offset:
-                self.words[address >> 2] = self.shown[address] = self.bus.read(address)
-
-    def work(self):
-        while self.here.recv(4):
-            self.waits += 1
-            control = int(self.words[CONTROL.offset >> 2])
-            if self.silent:
-                continue
-            self.bus.write(INTERRUPT_PENDING.offset, 3)
-            for register in (MASK, GATE_LOW, INTERRUPT_ENABLE):
-                self.bus.write(register.offset, int(self.words[register.offset >> 2]))
-            written = [a for a in self.buffer if int(self.words[a >> 2]) != self.shown[a]]
-            for address in written:
-                self.bus.write(address, int(self.words[address >> 2]))
-            self.bus.write(CONTROL.offset, control)
-            self.words[CONTROL.offset >> 2] = 0
-            self.show()
-            assert self.core.irq
-            self.here.send((1).to_bytes(4, "little"))
-
-    def connect(self, **options):
-        return UioBus.of_descriptors(os.dup(self.memory), os.dup(self.events), SIZE, **options)
-
-    def stop(self):
-        self.here.shutdown(socket.SHUT_RDWR)
-        self.thread.join(10)
-        assert not self.thread.is_alive()
-        self.here.close()
-        os.close(self.events)
-        os.close(self.memory)
-
-
 @pytest.fixture
 def device():
-    device = UioDevice()
+    device = UioDevice(emulated_core(PARAMS))
     yield device
     device.stop()
 
@@ -124,7 +54,7 @@ def test_a_filter_runs_over_uio_as_on_the_model(device):
     with device.connect() as bus:
         driver = Driver(bus, PARAMS, interrupt=bus.wait_for_interrupt, timeout=10.0)
         results = run(scenario, driver)
-    expected = run(scenario, "golden")
+    expected = run(scenario, Driver(GoldenBus(emulated_core(PARAMS)), PARAMS))
     assert np.array_equal(results.x, expected.x)
     assert np.array_equal(results.nis, expected.nis)
     assert device.waits >= 2 * STEPS
@@ -274,7 +204,7 @@ class FakeInterrupt:
 
 @pytest.fixture
 def pynq(monkeypatch):
-    FakeMMIO.core = GoldenCore(PARAMS)
+    FakeMMIO.core = emulated_core(PARAMS)
     module = types.ModuleType("pynq")
     module.MMIO, module.Interrupt = FakeMMIO, FakeInterrupt
     monkeypatch.setitem(sys.modules, "pynq", module)
@@ -292,7 +222,8 @@ def test_a_filter_runs_over_pynq_as_on_the_model(pynq, name):
     scenario = pendulum(0, steps=STEPS)
     ukf = scenario.filter(name)
     results = run(scenario, ukf.backend)
-    assert np.array_equal(results.x, run(scenario, "golden").x)
+    expected = run(scenario, Driver(GoldenBus(emulated_core(PARAMS)), PARAMS))
+    assert np.array_equal(results.x, expected.x)
     assert FakeMMIO.made == (0x43C0_0000, 1 << MemoryMap(PARAMS).address_width)
 
 
@@ -369,20 +300,20 @@ def test_other_packages_add_backends(monkeypatch):
 
 
 def test_board_command_saves_and_compares(tmp_path, capsys):
-    file = tmp_path / "golden.npz"
-    common = ["--config", "nanosat-additive", "--steps", "3", "--pes", "2"]
-    assert main([*common, "--save", str(file)]) == 0
-    assert main([*common, "--compare", str(file)]) == 0
+    file = tmp_path / "saved.npz"
+    common = ["--config", "nanosat-additive", "--steps", "2", "--pes", "10"]
+    assert run_on_emulated_board([*common, "--save", str(file)]) == 0
+    assert run_on_emulated_board([*common, "--compare", str(file)]) == 0
     out = capsys.readouterr().out
     assert "Equal to" in out
     assert "PREDICT:" in out
-    assert main([*common, "--seed", "1", "--compare", str(file)]) == 1
+    assert run_on_emulated_board([*common, "--seed", "1", "--compare", str(file)]) == 1
     assert "seed is 1, of the saved run 0" in capsys.readouterr().err
     with np.load(file) as saved:
         contents = dict(saved)
     contents["x"][1, 2] = np.nextafter(contents["x"][1, 2], 9.0)
     np.savez(file, **contents)
-    assert main([*common, "--compare", str(file)]) == 1
+    assert run_on_emulated_board([*common, "--compare", str(file)]) == 1
     assert "x[2] after step 1 is" in capsys.readouterr().err
 
 

@@ -270,7 +270,7 @@ def remembering():
 
     def drag(x, w, u):
         nonlocal last
-        result, last = f(x, w, u) + 0.01 * last[:, *([None] * (x.ndim - 1))], x.copy()
+        result, last = f(x, w, u) + 0.01 * last[(slice(None), *([None] * (x.ndim - 1)))], x.copy()
         return result
 
     return drag

@@ -5,7 +5,8 @@ import pytest
 
 from ukf_sw.drivers.bus import WordCodec
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.engine.interpreter import Interpreter, RunResult
+from ukf_sw.engine.interpreter import Interpreter
+from ukf_sw.engine.programs import RunResult
 from ukf_sw.errors import BusError
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat

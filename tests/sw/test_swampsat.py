@@ -1,6 +1,6 @@
 import json
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import datetime, timedelta, timezone
 from functools import cache
 
 import erfa
@@ -119,10 +119,10 @@ def test_wrong_orbits_are_refused(change, message):
 @pytest.mark.parametrize(
     ("epoch", "ascension", "declination"),
     [  # equinoxes and solstices to the minute: Astronomical Applications Department, US Navy
-        (datetime(2013, 3, 20, 11, 2, tzinfo=UTC), 0.0, 0.0),
-        (datetime(2013, 6, 21, 5, 4, tzinfo=UTC), 90.0, 23.437),
-        (datetime(2013, 9, 22, 20, 44, tzinfo=UTC), 180.0, 0.0),
-        (datetime(2013, 12, 21, 17, 11, tzinfo=UTC), -90.0, -23.437),
+        (datetime(2013, 3, 20, 11, 2, tzinfo=timezone.utc), 0.0, 0.0),
+        (datetime(2013, 6, 21, 5, 4, tzinfo=timezone.utc), 90.0, 23.437),
+        (datetime(2013, 9, 22, 20, 44, tzinfo=timezone.utc), 180.0, 0.0),
+        (datetime(2013, 12, 21, 17, 11, tzinfo=timezone.utc), -90.0, -23.437),
     ],
 )
 def test_sun_at_equinox_and_solstice(epoch, ascension, declination):
@@ -136,7 +136,7 @@ def test_sun_at_equinox_and_solstice(epoch, ascension, declination):
 
 
 def test_sun_moves_a_degree_a_day():
-    epoch = datetime(2013, 11, 20, 12, tzinfo=UTC)
+    epoch = datetime(2013, 11, 20, 12, tzinfo=timezone.utc)
     sun = environment.sun_direction(epoch, np.array([0.0, 86400.0]))
     moved = np.degrees(np.arccos(sun[:, 0] @ sun[:, 1]))
     assert moved == pytest.approx(360.0 / 365.25, abs=0.03)
@@ -149,7 +149,7 @@ def test_sun_moves_a_degree_a_day():
 def test_earth_turns_as_in_the_textbook():
     # Meeus, Astronomical Algorithms, example 12.a: apparent sidereal time at Greenwich,
     # 13h10m46.1351s on 1987 April 10, 0h UT.
-    epoch = datetime(1987, 4, 10, tzinfo=UTC)
+    epoch = datetime(1987, 4, 10, tzinfo=timezone.utc)
     turn = environment.inertial_to_earth(epoch, np.zeros(1))[:, :, 0]
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-14)
     equinox = erfa.pnm06a(*erfa.dtf2d("UTC", 1987, 4, 10, 0, 0, 0)).T @ [1.0, 0.0, 0.0]
@@ -168,7 +168,7 @@ def test_earth_turns_as_in_the_textbook():
     ],
 )
 def test_field_agrees_with_the_world_magnetic_model(latitude, longitude, height_km, expected):
-    epoch, times = datetime(2025, 1, 1, tzinfo=UTC), np.array([100.0, 5000.0])
+    epoch, times = datetime(2025, 1, 1, tzinfo=timezone.utc), np.array([100.0, 5000.0])
     phi, lam = np.radians(latitude), np.radians(longitude)
     ground = erfa.gd2gc(1, lam, phi, 1000.0 * height_km) / 1000.0
     turn = environment.inertial_to_earth(epoch, times)
@@ -202,8 +202,14 @@ def test_a_third_of_the_orbit_is_dark():
     ("epoch", "message"),
     [
         (datetime(2013, 1, 1), "^epoch must have a time zone, not datetime"),
-        (datetime(1950, 1, 1, tzinfo=UTC), "^epoch must be between 1960 and 2029, not datetime"),
-        (datetime(2031, 1, 1, tzinfo=UTC), "^epoch must be between 1960 and 2029, not datetime"),
+        (
+            datetime(1950, 1, 1, tzinfo=timezone.utc),
+            "^epoch must be between 1960 and 2029, not datetime",
+        ),
+        (
+            datetime(2031, 1, 1, tzinfo=timezone.utc),
+            "^epoch must be between 1960 and 2029, not datetime",
+        ),
     ],
 )
 def test_wrong_epochs_are_refused(epoch, message):

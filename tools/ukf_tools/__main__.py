@@ -1,6 +1,22 @@
 """``python -m ukf_tools`` is ``ukf``."""
 
-from ukf_tools.cli import app
+import sys
+
+from ukf_sw.extras import MissingExtraError, require
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command, or say what it needs."""
+    try:
+        require("tools")
+    except MissingExtraError as error:
+        sys.exit(f"Error: {error}")
+    from ukf_tools.cli import app
+
+    app(prog_name="ukf")
+
 
 if __name__ == "__main__":
-    app(prog_name="ukf")
+    main()

@@ -99,6 +99,6 @@ class PynqBus(DeviceBus):
             raise DeviceError(self._name, "the bus was made without an interrupt")
         try:
             self._loop.run_until_complete(asyncio.wait_for(self._interrupt.wait(), timeout))
-        except TimeoutError:
+        except (TimeoutError, asyncio.TimeoutError):  # one and the same since Python 3.11
             return False
         return True

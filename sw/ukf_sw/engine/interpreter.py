@@ -23,35 +23,17 @@ from ukf_sw.engine.arithmetic import (
 from ukf_sw.engine.control_word import READ, WRITE, BusSource
 from ukf_sw.engine.kernel_cache import compiled
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.programs import RunResult
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
 from ukf_sw.spec.sequence import Program
 
-__all__ = ["AdderConflictError", "Interpreter", "RunResult"]
+__all__ = ["AdderConflictError", "Interpreter"]
 
 
 class AdderConflictError(Exception):
     """Two results left the accumulator's adder on the same clock: the schedule is wrong."""
-
-
-class RunResult(NamedTuple):
-    """How a program ended.
-
-    Parameters
-    ----------
-    error_code, error_index
-        First error, as in the register ERROR, or zeros.
-    nis
-        Word of the normalised innovation squared, or None if the program gives none.
-    clocks
-        Clocks from the start of the step to its end.
-    """
-
-    error_code: int
-    error_index: int
-    nis: int | None
-    clocks: int
 
 
 class _Array(NamedTuple):

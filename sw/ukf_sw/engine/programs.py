@@ -1,6 +1,7 @@
 """The steps of the filter, as programs for the array."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from ukf_sw.engine.kernels import (
     Columns,
@@ -16,7 +17,26 @@ from ukf_sw.engine.operations import Operation, ProgramBuilder, Scalar
 from ukf_sw.spec.parameters import Form
 from ukf_sw.spec.sequence import Program
 
-__all__ = ["build_program"]
+__all__ = ["RunResult", "build_program"]
+
+
+class RunResult(NamedTuple):
+    """How a program ended.
+
+    Parameters
+    ----------
+    error_code, error_index
+        First error, as in the register ERROR, or zeros.
+    nis
+        Word of the normalised innovation squared, or None if the program gives none.
+    clocks
+        Clocks from the start of the step to its end.
+    """
+
+    error_code: int
+    error_index: int
+    nis: int | None
+    clocks: int
 
 
 class _Columns:

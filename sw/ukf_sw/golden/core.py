@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.drivers.bus import Addresses, Words
-from ukf_sw.engine.interpreter import Interpreter, RunResult
 from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.programs import RunResult
+from ukf_sw.extras import importing
 from ukf_sw.golden.buffer import GoldenBuffer
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -100,6 +101,12 @@ def _strobe_bits(strobe: int) -> int:
     return sum(0xFF << 8 * byte for byte in range(4) if strobe >> byte & 1)
 
 
+def _interpreter(params: UkfParams, pipeline: Pipeline | None) -> EngineModel:
+    with importing("golden"):
+        from ukf_sw.engine.interpreter import Interpreter
+    return Interpreter(params, pipeline)
+
+
 class GoldenCore:
     """The core, seen from its bus.
 
@@ -115,7 +122,8 @@ class GoldenCore:
     pipeline
         How it is built: decides CYCLES, never results.
     engine
-        Engine to use instead of an :class:`Interpreter` of these parameters.
+        Engine to use instead of an :class:`Interpreter` of these parameters, which needs the extra
+        ``golden``.
 
     Attributes
     ----------
@@ -135,7 +143,7 @@ class GoldenCore:
         engine: EngineModel | None = None,
     ) -> None:
         self.params = params
-        self.engine: EngineModel = Interpreter(params, pipeline) if engine is None else engine
+        self.engine: EngineModel = _interpreter(params, pipeline) if engine is None else engine
         self.hold = False
         self._buffer = GoldenBuffer(self.engine.layout, self.engine.memory)
         self._register_space = MemoryMap(params).region_stride

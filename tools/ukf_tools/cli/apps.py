@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,7 +33,7 @@ apps_app = typer.Typer(
 )
 
 
-class AppBackend(StrEnum):
+class AppBackend(str, Enum):
     """What computes an entry."""
 
     REFERENCE = "reference"

@@ -14,6 +14,7 @@ from ukf_tools.cli.console import (
     JsonOption,
     checked,
     fail,
+    needs,
     print_files,
     print_json,
     progress_bars,
@@ -73,6 +74,7 @@ def export(
     print_files(files, as_json=as_json)
 
 
+@needs("hdl", "sim", "golden")
 @with_core
 def c_loop(
     core: Core,
@@ -99,9 +101,13 @@ def c_loop(
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
-    from ukf_sim.simulators import SimulatorError
+    from ukf_sim.simulators import Simulator, SimulatorError
 
     problem = _nanosatellite(core, seed, p0)
+    try:
+        Simulator.VERILATOR.require()
+    except SimulatorError as error:
+        fail(str(error), 1)
     with checked():
         scenario = problem.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars:
@@ -141,6 +147,7 @@ def c_loop(
         raise typer.Exit(1)
 
 
+@needs("hdl", "golden")
 @with_core
 def c_arm(
     core: Core,

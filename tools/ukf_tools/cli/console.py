@@ -1,7 +1,10 @@
 """What every command shares: messages, results, progress."""
 
+import functools
 import json
+import math
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,14 +12,28 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+)
 from rich.progress import TimeElapsedColumn as Elapsed
+
+from ukf_sw.extras import MissingExtraError, require
 
 __all__ = [
     "JsonOption",
+    "PlainProgress",
     "checked",
     "fail",
+    "make_progress",
     "messages",
+    "needs",
     "number",
     "print_files",
     "print_json",
@@ -36,8 +53,28 @@ results = Console()
 
 def fail(message: str, code: int = 2) -> NoReturn:
     """Print a message and exit."""
-    messages.print(f"[bold red]Error:[/] {message}", highlight=False, soft_wrap=True)
+    messages.print(f"[bold red]Error:[/] {escape(message)}", highlight=False, soft_wrap=True)
     raise typer.Exit(code)
+
+
+def needs(*extras: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Have a command ask for extras before it begins; what is missing is told in a message.
+
+    Further ones, which depend on options, it can ask for itself by :func:`ukf_sw.extras.require`.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def wrapped(*arguments: Any, **options: Any) -> None:
+            try:
+                require(*extras)
+                command(*arguments, **options)
+            except MissingExtraError as error:
+                fail(str(error), 1)
+
+        return wrapped
+
+    return decorate
 
 
 @contextmanager
@@ -63,13 +100,63 @@ def print_files(files: Iterable[Path], *, as_json: bool = False) -> None:
         results.print(f"{file}  {file.stat().st_size} bytes", highlight=False, soft_wrap=True)
 
 
+class PlainProgress(Progress):
+    """Progress in lines of text, where bars would not show: on a pipe, in a log.
+
+    A line says what is being done: at once when that changes, else every :attr:`interval` seconds.
+    What is counted is told once a second at most.
+    """
+
+    interval = 10.0
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(disable=True, **options)
+        self._told: dict[TaskID, tuple[str, float]] = {}
+
+    def add_task(self, description: str, *arguments: Any, **options: Any) -> TaskID:
+        """See :class:`rich.progress.Progress`."""
+        task = super().add_task(description, *arguments, **options)
+        self._tell(task)
+        return task
+
+    def update(self, task_id: TaskID, **options: Any) -> None:
+        """See :class:`rich.progress.Progress`."""
+        super().update(task_id, **options)
+        self._tell(task_id)
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """See :class:`rich.progress.Progress`."""
+        super().advance(task_id, advance)
+        self._tell(task_id)
+
+    def _tell(self, number: TaskID) -> None:
+        task = next(task for task in self.tasks if task.id == number)
+        before, since = self._told.get(number, ("", -math.inf))
+        counted = task.total is not None
+        wait = self.interval if task.description == before else 1.0 * counted
+        if time.monotonic() - since < wait:
+            return
+        self._told[number] = (task.description, time.monotonic())
+        done = f", {task.completed:.0f} of {task.total:.0f}" if counted else ""
+        self.console.print(
+            f"{task.description}{done}", highlight=False, soft_wrap=True, markup=False
+        )
+
+
+def make_progress(*columns: ProgressColumn, **options: Any) -> Progress:
+    """Make bars of these columns, which go away at the end; lines if there is no terminal."""
+    if not messages.is_terminal:
+        return PlainProgress(console=messages)
+    return Progress(*columns, console=messages, transient=True, **options)
+
+
 @contextmanager
 def progress_bars(*, counted: bool = True) -> Iterator[Progress]:
     """Show bars, which go away at the end."""
     columns = [SpinnerColumn(), TextColumn("{task.description}"), BarColumn()]
     if counted:
         columns.append(MofNCompleteColumn())
-    with Progress(*columns, Elapsed(), console=messages, transient=True) as bars:
+    with make_progress(*columns, Elapsed()) as bars:
         yield bars
 
 

@@ -11,6 +11,7 @@ from ukf_tools.cli.console import (
     JsonOption,
     checked,
     fail,
+    needs,
     print_files,
     print_json,
     progress_bars,
@@ -29,6 +30,7 @@ def _address(text: str) -> int:
         raise ValueError(f"--base-address must be a number, as 0x43c00000, not {text!r}") from error
 
 
+@needs("hdl")
 @with_core
 def generate(
     core: Core,

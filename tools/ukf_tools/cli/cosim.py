@@ -10,7 +10,15 @@ from rich.table import Table
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.problems.configurations import Problem
 from ukf_sw.spec.core import Core
-from ukf_tools.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
+from ukf_tools.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    needs,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_tools.cli.judgement import print_accuracy, print_stop
 from ukf_tools.cli.options import (
     COSIM,
@@ -26,6 +34,7 @@ from ukf_tools.cli.options import (
 __all__ = ["cosim"]
 
 
+@needs("hdl", "sim", "golden")
 @with_core
 def cosim(
     core: Core,
@@ -51,6 +60,10 @@ def cosim(
     The exit code is 0 if every word agreed, also when both stopped with the same error, and 1 if
     not. Without a configuration, a random system of the given sizes is estimated.
     """
+    try:
+        simulator.require()
+    except SimulatorError as error:
+        fail(str(error), 1)
     with checked():
         if not math.isfinite(bus_latency):
             raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")

@@ -7,7 +7,15 @@ import typer
 from rich.table import Table
 
 from ukf_sw.spec.core import Core
-from ukf_tools.cli.console import JsonOption, checked, fail, print_json, progress_bars, results
+from ukf_tools.cli.console import (
+    JsonOption,
+    checked,
+    fail,
+    needs,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_tools.cli.lists import numbers
 from ukf_tools.cli.options import with_core
 
@@ -35,6 +43,7 @@ def _netlist(core: Core, cache: Path) -> Any:
         fail(str(error), 1)
 
 
+@needs("hdl", "synth")
 @with_core
 def resources(core: Core, cache: CacheOption = _CACHE, as_json: JsonOption = False) -> None:
     """Estimate what the core takes of a 7-series FPGA: Yosys, before packing."""
@@ -68,6 +77,7 @@ def resources(core: Core, cache: CacheOption = _CACHE, as_json: JsonOption = Fal
     )
 
 
+@needs("hdl", "synth")
 @with_core
 def timing(
     core: Core,

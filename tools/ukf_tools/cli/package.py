@@ -1,5 +1,6 @@
 """Commands that put a core into other people's tools: ``ukf package``, ``ukf testbench``."""
 
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,15 @@ import typer
 
 from ukf_hdl.packaging.boards import BOARDS
 from ukf_sw.spec.core import Core
-from ukf_tools.cli.console import JsonOption, fail, print_files, print_json, progress_bars, results
+from ukf_tools.cli.console import (
+    JsonOption,
+    fail,
+    needs,
+    print_files,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_tools.cli.options import SeedOption, with_core
 
 __all__ = ["package", "write_testbench"]
@@ -18,6 +27,7 @@ def _folder(output: Path) -> None:
         fail(f"--output must be a folder, not the file {str(output)!r}")
 
 
+@needs("hdl")
 @with_core
 def package(
     core: Core,
@@ -37,6 +47,11 @@ def package(
     if board not in BOARDS:
         fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
     _folder(output)
+    if check:
+        try:
+            import_module("tkinter")
+        except ModuleNotFoundError as error:
+            fail(f"{error.name} is not installed (Debian: python3-tk); or give --no-check", 1)
     from ukf_hdl.packaging.package import package as write
     from ukf_tools.vivado.check import check_package
     from ukf_tools.vivado.ips import ScriptError
@@ -48,8 +63,6 @@ def package(
             checked = check_package(output) if check else None
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
-        except ModuleNotFoundError as error:
-            fail(f"{error.name} is not installed (Debian: python3-tk); or give --no-check", 1)
         except ScriptError as error:
             fail(str(error), 1)
     if as_json:
@@ -67,6 +80,7 @@ def package(
         )  # fmt: skip
 
 
+@needs("golden")
 @with_core
 def write_testbench(
     core: Core,

