@@ -10,7 +10,7 @@ from cocotb.clock import Clock
 from cocotb.simtime import get_sim_time
 from cocotb.task import resume
 from cocotb.triggers import ClockCycles, First, RisingEdge, Timer
-from cocotbext.axi import AxiLiteBus, AxiLiteMaster, AxiResp
+from cocotbext.axi import AxiLiteBus, AxiLiteMasterRead, AxiLiteMasterWrite, AxiResp
 
 from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.errors import BusError
@@ -61,9 +61,9 @@ class Answer:
 
 
 class CoreBench:
-    """The core, its clock, and a manager on its bus.
+    """The core, its clock, and managers of writes and of reads on its bus.
 
-    Requests of one block are queued on the channels of the manager back to back. This goes below
+    Requests of one block are queued on the channels of a manager back to back. This goes below
     ``AxiLiteMaster.write``, which zeroes the lanes that it does not strobe, and costs a good part
     of the time of its ``read``.
 
@@ -88,16 +88,18 @@ class CoreBench:
         self.words = 0
         self.bus_clocks = 0
         self._owed = 0.0
-        self.axi = AxiLiteMaster(
-            AxiLiteBus.from_prefix(dut, "s_axi"), dut.aclk, dut.aresetn, reset_active_level=False
+        bus = AxiLiteBus.from_prefix(dut, "s_axi")
+        self._writes = writes = AxiLiteMasterWrite(
+            bus.write, dut.aclk, dut.aresetn, reset_active_level=False
         )
-        for channel in (
-            self.axi.write_if.aw_channel, self.axi.write_if.w_channel, self.axi.read_if.ar_channel,
-        ):  # fmt: skip
+        self._reads = reads = AxiLiteMasterRead(
+            bus.read, dut.aclk, dut.aresetn, reset_active_level=False
+        )
+        for channel in (writes.aw_channel, writes.w_channel, reads.ar_channel):
             channel.queue_occupancy_limit = -1
-        self._address_request = self.axi.write_if.aw_channel._transaction_obj
-        self._data_request = self.axi.write_if.w_channel._transaction_obj
-        self._read_request = self.axi.read_if.ar_channel._transaction_obj
+        self._address_request = writes.aw_channel._transaction_obj
+        self._data_request = writes.w_channel._transaction_obj
+        self._read_request = reads.ar_channel._transaction_obj
 
     @classmethod
     async def started(cls, dut: Any, word_clocks: float = 0.0) -> "CoreBench":
@@ -157,9 +159,9 @@ class CoreBench:
 
     async def _transfer(self, requests: Sequence[Request]) -> list[Answer]:
         """Do accesses that are all writes or all reads."""
-        answers = []
+        answers: list[Answer] = []
         if requests[0].data is None:
-            source, sink = self.axi.read_if.ar_channel, self.axi.read_if.r_channel
+            source, sink = self._reads.ar_channel, self._reads.r_channel
             for request in requests:
                 source.send_nowait(self._read_request(araddr=request.address))
             for _ in requests:
@@ -167,8 +169,8 @@ class CoreBench:
                 okay = int(answer.rresp) == AxiResp.OKAY
                 answers.append(Answer(okay, int(answer.rdata), self.clock))
             return answers
-        addresses, data = self.axi.write_if.aw_channel, self.axi.write_if.w_channel
-        sink = self.axi.write_if.b_channel
+        addresses, data = self._writes.aw_channel, self._writes.w_channel
+        sink = self._writes.b_channel
         for request in requests:
             addresses.send_nowait(self._address_request(awaddr=request.address))
             data.send_nowait(self._data_request(wdata=request.data, wstrb=request.strobe))
@@ -183,8 +185,8 @@ class CoreBench:
             await ClockCycles(self.dut.aclk, clocks)
 
     def pause(self, requests: Sequence[bool], responses: Sequence[bool]) -> None:
-        """Pause the manager in a pattern that repeats: True is a clock without valid or ready."""
-        write, read = self.axi.write_if, self.axi.read_if
+        """Pause the managers in a pattern that repeats: True is a clock without valid or ready."""
+        write, read = self._writes, self._reads
         for channels, pattern in (
             ((write.aw_channel, write.w_channel, read.ar_channel), requests),
             ((write.b_channel, read.r_channel), responses),

@@ -137,7 +137,9 @@ class Context:
         from ukf_sim.bus import CosimBus
         from ukf_sim.lockstep import LockstepBus
 
-        return LockstepBus(CosimBus(self.bench), GoldenCore(self.job.params, self.job.pipeline))
+        job = self.job
+        golden = GoldenCore(job.params, job.pipeline)
+        return LockstepBus(CosimBus(self.bench), golden, job.pipeline)
 
     def driver(self) -> Driver:
         """Make a driver on that bus, with a time-out that no step needs."""

@@ -5,6 +5,7 @@ import pickle
 import traceback
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import cocotb
 from cocotb.task import bridge
@@ -14,7 +15,7 @@ from ukf_sim.session import JOB_VARIABLE, Context, Failure
 
 
 @cocotb.test
-async def run_job(dut):
+async def run_job(dut: Any) -> None:
     """Call the job's function with the core, in a thread, and leave its result in a file."""
     folder = Path(os.environ[JOB_VARIABLE])
     job = pickle.loads((folder / "job.pickle").read_bytes())
@@ -22,12 +23,13 @@ async def run_job(dut):
     task = getattr(import_module(module), name)
     bench = await CoreBench.started(dut, job.word_clocks)
     context = Context(job=job, bench=bench, folder=folder)
+
+    def keep(result: Any) -> None:
+        (folder / "result.pickle").write_bytes(pickle.dumps(result))
+
     try:
         result = await bridge(task)(context, **job.arguments)
-    except Exception as error:
-        result = Failure(
-            kind=type(error).__name__, message=str(error), trace=traceback.format_exc()
-        )
+    except BaseException as error:  # one that ends the process is a result, too
+        keep(Failure(kind=type(error).__name__, message=str(error), trace=traceback.format_exc()))
         raise
-    finally:
-        (folder / "result.pickle").write_bytes(pickle.dumps(result))
+    keep(result)

@@ -267,7 +267,7 @@ class CFilter:
         """Details of the last failure."""
         fault = _Fault()
         self._library.binding_fault(self._ukf, ctypes.byref(fault))
-        return {name: getattr(fault, name) for name, _ in fault._fields_}
+        return {field[0]: getattr(fault, field[0]) for field in fault._fields_}
 
     @property
     def pes(self) -> int:

