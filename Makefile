@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth ecp5 bench readme docs zynq zynq-tools zynq-c package-check fusesoc baseline lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline lint format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -50,7 +50,7 @@ apps: $(STAMP) ## Run every application, and co-simulate some steps of each
 	$(BIN)/ukf apps all --cosim-steps 30 --workers $(JOBS)
 
 figures: apps ## Run them, and put tables and figures into docs/applications.md
-	$(BIN)/ukf apps document
+	$(BIN)/python -m ukf_docs applications
 
 formal: $(STAMP) ## Prove the properties of the bus and control logic
 	$(BIN)/python -m support.formal
@@ -59,7 +59,7 @@ mutants: $(STAMP) ## Break the project on purpose and demand that tests fail
 	$(BIN)/python tests/mutants/run.py
 
 resources: $(STAMP) ## Synthesise for 7-series and note the resources for the README
-	$(BIN)/python -m ukf_docs.studies.resources
+	$(BIN)/python -m ukf_docs measure resources
 
 package-check: $(STAMP) ## Package the core for both boards, and check the scripts
 	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
@@ -73,7 +73,7 @@ build/armhf:
 	tools/ukf_tools/baseline/c/fetch-gsl.sh $@
 
 baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
-	$(BIN)/ukf baseline --sysroot build/armhf --document
+	$(BIN)/python -m ukf_docs measure baseline
 
 SWEEP := --config nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat
 sweep: $(STAMP) ## Sweep processing elements and forms with synthesis; resumes, OPTIONS=... for another
@@ -83,17 +83,23 @@ report: $(STAMP) ## Make build/report.html of the last sweep, and its figures in
 	$(BIN)/ukf report --figures docs/figures/design-space
 
 growth: $(STAMP) ## Note how cycles grow with states and processing elements
-	$(BIN)/python -m ukf_docs.studies.growth
+	$(BIN)/python -m ukf_docs measure growth
 
-ecp5: $(STAMP) ## Place and route for ECP5, a proxy for routed timing, and note it (slow)
-	$(BIN)/python -m ukf_docs.studies.routing
+routing: $(STAMP) ## Place and route for ECP5, a proxy for routed timing, and note it (slow)
+	$(BIN)/python -m ukf_docs measure routing
 
 bench: $(STAMP) ## Measure the speed of simulation, models, generator and sweeps, and note it
-	$(BIN)/python -m ukf_docs.studies.bench
+	$(BIN)/python -m ukf_docs measure bench
 
-readme: $(STAMP) ## Refresh the generated tables of the README and the printed results in docs
-	$(BIN)/python -m ukf_docs.sections
-	$(BIN)/python -m ukf_docs.pages
+numerics: $(STAMP) ## Measure formats, forms and W0 on the applications, and note it
+	$(BIN)/python -m ukf_docs measure numerics
+
+iteration: $(STAMP) ## Co-simulate iterations with the 2018 paper's bus, and note the traffic
+	$(BIN)/python -m ukf_docs measure iteration
+
+refresh: $(STAMP) ## Make the generated tables of the documents and the printed results again
+	$(BIN)/python -m ukf_docs refresh
+	$(BIN)/python -m ukf_docs pages
 
 docs: $(STAMP) ## Build the documentation as a site in build/docs; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

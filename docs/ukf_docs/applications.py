@@ -2,41 +2,19 @@
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ukf_docs.studies.iteration import load, timing_table
+from ukf_docs import DOCS
+from ukf_docs.markdown import table, thousands
 
-__all__ = ["copy_figures", "read", "sections", "update_document"]
+__all__ = ["DOCUMENT", "SECTIONS", "copy_figures", "read", "sections"]
 
+DOCUMENT = DOCS / "applications.md"
+#: Sections of the document that are made of these results.
+SECTIONS = ("errors", "cosimulations", "swampsat", "platform")
 number = "{:.4g}".format
-BEGIN, END = "<!-- BEGIN {} -->", "<!-- END {} -->"
-
-
-def update_document(file: Path, made: dict[str, str]) -> None:
-    """Replace the tables between the markers of a document.
-
-    Parameters
-    ----------
-    file
-        Document.
-    made
-        Tables, in Markdown, by the name of their markers.
-
-    Raises
-    ------
-    ValueError
-        If a marker is missing.
-    """
-    text = file.read_text(encoding="utf-8")
-    for name, table in made.items():
-        begin, end = BEGIN.format(name), END.format(name)
-        before, found, rest = text.partition(begin)
-        _, found_end, after = rest.partition(end)
-        if not (found and found_end):
-            raise ValueError(f"{file.name} must have the markers {begin} and {end}")
-        text = f"{before}{begin}\n\n{table}\n\n{end}{after}"
-    file.write_text(text, encoding="utf-8")
 
 
 def copy_figures(records: list[dict[str, Any]], folder: Path) -> list[Path]:
@@ -64,7 +42,7 @@ def copy_figures(records: list[dict[str, Any]], folder: Path) -> list[Path]:
 
 
 def sections(records: list[dict[str, Any]], study: dict[str, Any]) -> dict[str, str]:
-    """Make the tables, in Markdown, by the name of their markers.
+    """Make the tables, in Markdown, by the name of their section.
 
     Parameters
     ----------
@@ -73,20 +51,17 @@ def sections(records: list[dict[str, Any]], study: dict[str, Any]) -> dict[str, 
     study
         What it wrote to swampsat.json.
     """
-    return {
-        "errors": _errors([record for record in records if record["name"] != "swampsat study"]),
-        "cosimulations": _cosimulations(records),
-        "timing": timing_table(load()),
-        "swampsat": _study(study, records),
-        "platform": _platform(study["platform"]),
-    }
+    made = (
+        _errors([record for record in records if record["name"] != "swampsat study"]),
+        _cosimulations(records),
+        _study(study, records),
+        _platform(study["platform"]),
+    )
+    return dict(zip(SECTIONS, made, strict=True))
 
 
 def _errors(records: list[dict[str, Any]]) -> str:
-    rows = [
-        "| application | runs | error | core | float64 | reference | bound |",
-        "|---|---:|---|---:|---:|---:|---|",
-    ]
+    rows: list[tuple[str, ...]] = []
     for record in records:
         if record["backend"] == "cosim":
             continue
@@ -110,34 +85,32 @@ def _errors(records: list[dict[str, Any]]) -> str:
                     )
                     value = verdict["value"]
                 kind = "largest " if measure == "maximum" else ""
-                cells = (
+                rows.append((
                     f"[{name}](#{name})" if name else "", str(record["runs"]) if name else "",
                     kind + label, number(value), "–" if other is None else number(other),
                     reference, bound,
-                )  # fmt: skip
-                rows.append("| " + " | ".join(cells) + " |")
+                ))  # fmt: skip
                 name = ""
-    return "\n".join(rows)
+    headings = ("application", "runs", "error", "core", "float64", "reference", "bound")
+    return table(headings, rows, left=3)
 
 
 def _cosimulations(records: list[dict[str, Any]]) -> str:
-    rows = [
-        "| application | PEs | steps | words equal | cycles PREDICT + UPDATE | words a step |",
-        "|---|---:|---:|---:|---:|---:|",
-    ]
+    headings = (
+        "application", "PEs", "steps", "words equal", "cycles PREDICT + UPDATE", "words a step",
+    )  # fmt: skip
+    rows: list[tuple[object, ...]] = []
     for record in records:
         if record["backend"] != "cosim":
             continue
         cycles, traffic = record["cycles"], record["traffic"]
         words = traffic["words_read"] + traffic["words_written"]
-        equal = (
-            f"{record['words_compared']:,}".replace(",", " ") if record["okay"] else "**differs**"
-        )
-        rows.append(
-            f"| {record['name']} | {record['pes']} | {record['steps']} | {equal} "
-            f"| {cycles['PREDICT']} + {cycles['UPDATE']} | {words} |"
-        )
-    return "\n".join(rows)
+        equal = thousands(record["words_compared"]) if record["okay"] else "**differs**"
+        rows.append((
+            record["name"], record["pes"], record["steps"], equal,
+            f"{cycles['PREDICT']} + {cycles['UPDATE']}", words,
+        ))  # fmt: skip
+    return table(headings, rows)
 
 
 def _median(found: dict[str, Any]) -> str:
@@ -150,10 +123,7 @@ def _study(study: dict[str, Any], records: list[dict[str, Any]]) -> str:
     verdicts = {verdict["error"]: verdict for verdict in record["verdicts"]}
     columns = {"quest_sample": "QUEST at sample", "quest_held": "QUEST held", "ekf": "EKF"}
     columns |= {"ukf_reference": "UKF float64", "ukf_golden": "UKF golden"}
-    rows = [
-        "| interval | flights | " + " | ".join(columns.values()) + " |",
-        "|---|---:|" + "---:|" * len(columns),
-    ]
+    rows: list[Sequence[str]] = []
     for row in study["rows"]:
         cells = [row["name"], str(len(row["ekf"]["seeds"]))]
         for column, label in columns.items():
@@ -170,34 +140,35 @@ def _study(study: dict[str, Any], records: list[dict[str, Any]]) -> str:
             if verdict is not None and not verdict["okay"]:
                 cell += " **missed**"
             cells.append(cell)
-        rows.append("| " + " | ".join(cells) + " |")
+        rows.append(cells)
     eclipse = study["eclipse"]
     for key, name in (
         ("sunlit", "2 s, an orbit, no eclipse"),
         ("eclipse", "2 s, an orbit, eclipse"),
     ):
         found = eclipse[key]
-        cells = (name, str(len(eclipse["seeds"])), "–", "–", _median(found["ekf"]),
-                 _median(found["ukf_reference"]), "–")  # fmt: skip
-        rows.append("| " + " | ".join(cells) + " |")
-    return "\n".join(rows)
+        rows.append((
+            name, str(len(eclipse["seeds"])), "–", "–", _median(found["ekf"]),
+            _median(found["ukf_reference"]), "–",
+        ))  # fmt: skip
+    return table(("interval", "flights", *columns.values()), rows)
 
 
 def _platform(platform: dict[str, Any]) -> str:
-    rows = [
-        "| latency each way / s | lost | mean age / s | replies used | naive | compensated |",
-        "|---:|---:|---:|---:|---:|---:|",
-    ]
+    headings = (
+        "latency each way / s", "lost", "mean age / s", "replies used", "naive", "compensated",
+    )  # fmt: skip
+    rows: list[tuple[str, ...]] = []
     # The delay of the losses may be among the others.
     points = {(p["latency_s"], p["loss"]): p for key in ("delays", "losses") for p in platform[key]}
     for point in points.values():
         age = "–" if point["age_s"] is None else f"{point['age_s']:.2f}"
-        rows.append(
-            f"| {point['latency_s']:g} | {100 * point['loss']:g} % | {age} "
-            f"| {100 * point['used']:.0f} % | {_median(point['naive'])} "
-            f"| {_median(point['compensated'])} |"
-        )
-    return "\n".join(rows)
+        rows.append((
+            f"{point['latency_s']:g}", f"{100 * point['loss']:g} %", age,
+            f"{100 * point['used']:.0f} %", _median(point["naive"]),
+            _median(point["compensated"]),
+        ))  # fmt: skip
+    return table(headings, rows, left=0)
 
 
 def read(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:

@@ -19,10 +19,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ukf_docs import DOCS
+
 __all__ = ["PAGES", "refresh"]
 
 #: Pages with executed code.
-PAGES = (Path(__file__).parents[2] / "own-model.md",)
+PAGES = (DOCS / "own-model.md",)
 
 #: A block that is executed, and its output, if the page shows it.
 BLOCK = re.compile(
@@ -117,8 +119,3 @@ def _folder(cache: Path | None) -> Iterator[None]:
                 file = getattr(sys.modules[name], "__file__", None)
                 if file and Path(file).is_relative_to(folder):
                     del sys.modules[name]
-
-
-if __name__ == "__main__":
-    for page in PAGES:
-        page.write_text(refresh(page.read_text(encoding="utf-8")), encoding="utf-8")

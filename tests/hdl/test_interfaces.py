@@ -463,19 +463,22 @@ def test_the_place_in_the_system_is_in_the_files():
 @pytest.mark.parametrize("params", CONFIGURATIONS)
 def test_the_page_has_every_field_and_region(params):
     page = texts(params)["ukf_core.md"]
-    rows = [
-        [cell.strip().strip("`") for cell in line.strip("|").split("|")]
-        for line in page.splitlines()
-        if line.startswith("| `")
-    ]
+    rows, heading = [], []
+    for line in page.splitlines():
+        if line.startswith("## "):
+            heading = []
+        elif line.startswith("### "):
+            heading = [word.strip("`") for word in line[4:].split(", offset ")]
+        elif line.startswith("| ") and "`" in line:
+            cells = [cell.strip().strip("`") for cell in line.strip("|").split("|")]
+            rows.append([*heading, *cells] if len(cells) == 5 else cells)
     fields = [
-        [f"{register.offset:#04x}", register.name, field.name, field.access.value, field.doc]
+        [register.name, f"{register.offset:#04x}", field.name, field.access.value, field.doc]
         for register in REGISTERS
         for field in register
     ]
-    assert sorted([row[0], row[1], *row[3:5], row[6]] for row in rows if len(row) == 7) == sorted(
-        fields
-    )
+    assert sorted([*row[:2], *row[3:5], row[6]] for row in rows if len(row) == 7) == sorted(fields)
+    assert all(f"\n{register.doc}\n" in page for register in REGISTERS)
     memory_map = MemoryMap(params)
     assert [row for row in rows if len(row) == 4] == [
         [
@@ -484,4 +487,5 @@ def test_the_page_has_every_field_and_region(params):
         ]
         for region in memory_map
     ]  # fmt: skip
-    assert ["0x04", "SIZES", "7:0", "N", "ro", hex(params.n), "States, n."] in rows
+    assert ["SIZES", "0x04", "7:0", "N", "ro", hex(params.n), "States, n."] in rows
+    assert "Reserved bits" in page

@@ -1,4 +1,4 @@
-"""Applications: commands, records, figures, conversion."""
+"""Applications: commands, records, figures."""
 
 import json
 import sys
@@ -6,15 +6,11 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from ukf_docs import applications as document
-from ukf_docs.convert import convert_inertial, convert_odometry
-from ukf_docs.studies import iteration as timing
-from ukf_docs.studies import numerics
+from support.swampsat_study import study_of
 from ukf_sw.errors import NotFiniteError
-from ukf_sw.problems import catalogue, data
+from ukf_sw.problems import catalogue
 from ukf_sw.spec.sequence import Step
 from ukf_tools.cli import console
 from ukf_tools.evaluate import runner, swampsat
@@ -85,9 +81,6 @@ def test_seeds_matter(apps):
     [
         (["run", "clock"], "NAME must be one of nanosat, "),
         (["run", "ctrv", "--steps", 501], "steps must be between 1 and 500, not 501"),
-        (["numerics", "--document", "none.md"], "--document must be a file, not 'none.md'"),
-        (["document", "--document", "none.md"], "--document must be a file, not 'none.md'"),
-        (["convert", "photo", "a", "b"], "KIND must be one of inertial, odometry, not 'photo'"),
     ],
 )
 def test_mistakes_are_named(apps, arguments, message):
@@ -196,34 +189,7 @@ def test_figures_of_the_papers_are_drawn(apps, name, files):
     assert [Path(plot).stem for plot in record["plots"]] == files
 
 
-# The document.
-
-
-def study_of(median=1.0):
-    """A study in which every error is the same."""
-    found = {"median": median, "seeds": [median] * 5, "diverged": 0}
-    columns = ("quest_sample", "quest_held", "ekf", "ukf_reference", "ukf_golden")
-    points = [
-        {"latency_s": 1.0, "loss": 0.0, "age_s": 1.05, "used": 0.5, "naive": found,
-         "compensated": found}
-    ]  # fmt: skip
-    return {
-        "rows": [
-            {"name": name, "interval_s": 2.0} | dict.fromkeys(columns, found)
-            for name in ("2 s", "5 s")
-        ],
-        "platform": {"delays": points, "losses": [], "interval_s": 2.0, "seeds": [0]},
-        "eclipse": {"sunlit": dict.fromkeys(columns, found), "seeds": [0],
-                    "eclipse": dict.fromkeys(columns, found)},
-        "curves": {
-            "2 s": {
-                column: {"times": [1.0, 2.0], "attitude": [median] * 2, "bias": [[0.1] * 3] * 2}
-                for column in columns
-            }
-        },
-        "duration_s": 3000.0, "settled_after_s": 1500.0, "seeds": list(range(5)),
-        "unit": "degrees", "columns": list(columns),
-    }  # fmt: skip
+# The study of SwampSat.
 
 
 def test_studies_are_judged():
@@ -251,127 +217,3 @@ def test_study_has_an_exit_code(apps, tmp_path, monkeypatch):
     assert (tmp_path / "build/apps/swampsat-platform.png").is_file()
     monkeypatch.setattr(swampsat, "run_study", lambda **keywords: study_of() | {"seeds": [0]})
     assert "Not judged" in apps("swampsat", "--seeds", 1).stdout
-
-
-def test_document_is_made_of_results(apps, one_entry, tmp_path, monkeypatch):
-    monkeypatch.setattr(document, "timing_table", lambda measured: "a table")
-    one_entry("pendulum", runs=2)
-    apps("all")
-    folder = tmp_path / "build" / "apps"
-    records = json.loads((folder / "errors.json").read_text())
-    records.append(swampsat.study_record(study_of()) | {"plots": records[0]["plots"]})
-    (folder / "errors.json").write_text(json.dumps(records))
-    file = tmp_path / "page.md"
-    file.write_text("")
-    assert "swampsat.json: No such file" in apps("document", "--document", file, code=1).stderr
-    (folder / "swampsat.json").write_text(json.dumps(study_of()))
-    names = ("errors", "cosimulations", "timing", "swampsat", "platform")
-    file.write_text("\n".join(f"<!-- BEGIN {name} -->\n<!-- END {name} -->" for name in names))
-    apps("document", "--document", file, "--figures", "figures")
-    text = file.read_text()
-    assert "| [pendulum](#pendulum) | 2 | angle / rad |" in text
-    assert "| 2 s | 5 | 1 (5.63) **missed** |" in text
-    assert "| 1 | 0 % | 1.05 | 50 % | 1 | 1 |" in text
-    assert (tmp_path / "figures" / "pendulum.png").is_file()
-    (tmp_path / records[0]["plots"][0]).unlink()
-    message = "pendulum must have its figure, not without"
-    assert message in apps("document", "--document", file, code=1).stderr
-
-
-def test_timing_adds_up():
-    traffic = timing.Traffic(words=362, control=8, clocks=10_743, cycles=4971, pes=1)
-    assert traffic.microseconds(0) == pytest.approx(3.70 * 15.6 + 21.0)
-    assert traffic.microseconds(4971) == pytest.approx(3.70 * 15.6 + 21.0 + 49.71)
-    # What is kept is what the schedule and the bus say, but for the beginning of a wait.
-    for name, found in timing.load().items():
-        expected = (found.words + found.control) * timing.BUS_CLOCKS + found.cycles
-        assert found.clocks == pytest.approx(expected, rel=0.02), name
-    table = timing.timing_table(timing.load())
-    assert "| total | 660 | 363 | 272 | 228 | 212 | **" in table
-
-
-# Conversion.
-
-
-def test_odometry_is_converted(apps, tmp_path, monkeypatch):
-    table = np.random.default_rng(1).standard_normal((20, 7))
-    np.savetxt(tmp_path / "raw.txt", table, header="t gyro vx vy theta px py", comments="")
-    assert "odometry.npz" in apps("convert", "odometry", "raw.txt", "odometry.npz").stdout
-    monkeypatch.setattr(data, "files", lambda package: tmp_path)
-    found = data.load_odometry()
-    np.testing.assert_allclose(found["times"], table[:, 0], rtol=1e-15)
-    np.testing.assert_allclose(found["gyroscope"], table[:, 1], rtol=1e-7)
-    np.testing.assert_allclose(found["speeds"], table[:, 2:4], rtol=1e-7)
-    np.testing.assert_allclose(found["truth"], table[:, 4:], rtol=1e-7)
-    (tmp_path / "other.txt").write_text("a b c\n1 2 3\n")
-    with pytest.raises(ValueError, match=r"^other\.txt must start with t gyro .*, not \['a', 'b'"):
-        convert_odometry(tmp_path / "other.txt", tmp_path / "x.npz")
-    assert "none.txt: No such file" in apps("convert", "odometry", "none.txt", "x", code=1).stderr
-
-
-def test_inertial_data_are_converted(tmp_path, monkeypatch):
-    io = pytest.importorskip("scipy.io")
-    rng = np.random.default_rng(2)
-    truth = rng.standard_normal((30, 4))
-    truth /= np.linalg.norm(truth, axis=1, keepdims=True)
-    truth[5] = np.nan
-    raw = {
-        "imu_gyr": rng.standard_normal((30, 3)), "imu_acc": 9.0 * rng.standard_normal((30, 3)),
-        "imu_mag": 40.0 * rng.standard_normal((30, 3)), "opt_quat": truth,
-        "movement": np.arange(30)[:, None] > 9, "sampling_rate": 100.0,
-    }  # fmt: skip
-    io.savemat(tmp_path / "raw.mat", raw)
-    convert_inertial(tmp_path / "raw.mat", tmp_path / "inertial.npz")
-    monkeypatch.setattr(data, "files", lambda package: tmp_path)
-    found = data.load_inertial()
-    np.testing.assert_allclose(found["gyroscope"], raw["imu_gyr"], atol=1e-4)
-    np.testing.assert_allclose(found["accelerometer"], raw["imu_acc"], atol=1e-3)
-    np.testing.assert_allclose(found["magnetometer"], raw["imu_mag"], atol=4e-3)
-    np.testing.assert_allclose(found["truth"], truth, atol=1e-4)
-    assert found["movement"].tolist() == [0.0] * 10 + [1.0] * 20
-    assert float(found["rate"]) == 100.0
-    io.savemat(tmp_path / "raw.mat", {"imu_gyr": raw["imu_gyr"]})
-    with pytest.raises(ValueError, match=r"^raw\.mat must hold .*, not without \['imu_acc'"):
-        convert_inertial(tmp_path / "raw.mat", tmp_path / "x.npz")
-
-
-# Numerics.
-
-
-def test_numerics_fill_the_document(tmp_path):
-    file = tmp_path / "numerics.md"
-    marked = "\n".join(
-        f"<!-- BEGIN {name} -->\nold\n<!-- END {name} -->" for name in ("formats", "weights")
-    )
-    file.write_text(f"before\n{marked}\nafter\n")
-    made = numerics.tables(["pendulum"], steps=100)
-    document.update_document(file, made)
-    text = file.read_text()
-    assert text.startswith("before\n<!-- BEGIN formats -->\n\n| application")
-    assert text.endswith("<!-- END weights -->\nafter\n")
-    assert "old" not in text
-    rows = [line.split(" | ") for line in made["formats"].splitlines()[2:]]
-    # binary32 and binary64 are as good as float64; 16 bits are not.
-    for row in rows:
-        assert row[4] == "1"
-        assert row[5] == "1 |"
-        assert row[3] != "1"
-    assert len(rows) == 2
-    file.write_text("nothing")
-    with pytest.raises(ValueError, match=r"^numerics\.md must have the markers <!-- BEGIN formats"):
-        document.update_document(file, made)
-
-
-@pytest.mark.parametrize(("name", "steps"), [("ctrv-masked", 500), ("battery", 600)])
-def test_numerics_take_what_a_scenario_has(name, steps):
-    scenario, errors, _ = numerics._prepare(name, 600)
-    assert scenario.steps == len(errors) == steps
-
-
-def test_numerics_say_where_a_core_stops():
-    # The covariance form of CTRV in bfloat16 meets a pivot that is not positive.
-    measured = numerics.measure_formats("ctrv", 30)
-    stopped = str(measured[numerics.Form.COVARIANCE, "bfloat16"])
-    assert stopped.startswith("stops at ")
-    assert "NotPositiveDefinite" in stopped
-    assert measured[numerics.Form.SQUARE_ROOT, "binary32"].ratio == pytest.approx(1.0, rel=1e-3)

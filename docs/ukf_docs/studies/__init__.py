@@ -1,1 +1,13 @@
-"""Studies: measurements that the documentation shows. Each writes a file of docs/measured."""
+"""Measurements that the documentation cites: ``python -m ukf_docs measure NAME``."""
+
+from ukf_docs.studies import baseline, bench, growth, iteration, numerics, resources, routing
+
+__all__ = ["STUDIES"]
+
+STUDIES = {
+    study.name: study
+    for study in (
+        resources.STUDY, growth.STUDY, routing.STUDY, bench.STUDY, numerics.STUDY, iteration.STUDY,
+        baseline.STUDY,
+    )
+}  # fmt: skip

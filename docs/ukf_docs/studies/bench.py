@@ -1,10 +1,9 @@
-"""Speed of this project's own tools: ``make bench`` measures and notes it.
+"""Speed of this project's own tools.
 
 Figures are of one computer on one day. They show what is worth waiting for, and whether a change
 made something slower; nothing is judged by them.
 """
 
-import json
 import os
 import platform
 import statistics
@@ -19,8 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import Progress
 
+from ukf_docs import DOCS
+from ukf_docs.markdown import table
+from ukf_docs.studies.study import Study, Tell
 from ukf_sw.problems.configurations import Problem
 from ukf_sw.problems.judging import make_backend, run_problem
 from ukf_sw.problems.scenario import Scenario
@@ -29,14 +30,14 @@ from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
-__all__ = ["MEASURED", "markdown", "measure", "run_filterpy"]
+__all__ = ["STUDY", "run_filterpy"]
 
-#: Where the figures go.
-MEASURED = Path(__file__).parents[2] / "measured" / "bench.json"
 #: States of the generator's measurements; noise as in the nanosatellite, 6 observations.
 SIZES = (7, 15, 31)
 #: Processing elements of all measurements.
 PES = 2
+#: Iterations of the models, and of the co-simulation.
+STEPS, COSIMULATED = 2000, 200
 
 # What a user does first; the prior points serve as transformed ones.
 _FIRST_STEP = """
@@ -229,21 +230,7 @@ def _sweep() -> dict[str, float]:
     }
 
 
-def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
-    """Measure everything.
-
-    Parameters
-    ----------
-    steps
-        Iterations of the models.
-    cosimulated
-        Iterations of the co-simulation.
-
-    Returns
-    -------
-    dict
-        Ready for JSON.
-    """
+def _measure(tell: Tell) -> dict[str, Any]:
     record: dict[str, Any] = {
         "computer": {
             "processors": len(os.sched_getaffinity(0)),
@@ -253,69 +240,57 @@ def measure(steps: int = 2000, cosimulated: int = 200) -> dict[str, Any]:
         },
         "configuration": Core(params=replace(NANOSAT, pes=PES), configuration="nanosat").title,
     }
-    with Progress() as bars:
-        jobs = {
-            "models": lambda: _models(steps), "first_step": _first_step,
-            "cosimulation": lambda: _cosimulation(cosimulated),
-            "generator": _generator, "sweep": _sweep,
-        }  # fmt: skip
-        bar = bars.add_task("Measuring", total=len(jobs))
-        for name, work in jobs.items():
-            bars.update(bar, description=f"Measuring: {name}")
-            record[name] = work()
-            bars.advance(bar)
+    jobs: dict[str, Callable[[], Any]] = {
+        "models": lambda: _models(STEPS), "first_step": _first_step,
+        "cosimulation": lambda: _cosimulation(COSIMULATED), "generator": _generator,
+        "sweep": _sweep,
+    }  # fmt: skip
+    for k, (name, work) in enumerate(jobs.items()):
+        tell(f"Measuring: {name}", k, len(jobs))
+        record[name] = work()
     return record
 
 
-def markdown(record: dict[str, Any]) -> str:
-    """Write measurements as a table."""
+def _table(record: dict[str, Any]) -> str:
     models, cosim, sweep = record["models"], record["cosimulation"], record["sweep"]
     first = record["first_step"]
     computer = record["computer"]
-    lines = [
-        "| What | Speed |",
-        "|------|------:|",
-        f"| golden model, nanosatellite | {models['golden']:.0f} iterations a second |",
-        f"| filterpy, float64, same data | {models['filterpy']:.0f} iterations a second |",
-        f"| golden model to filterpy | {models['golden_to_filterpy']:.2f} |",
+    rows = [
+        ("golden model, nanosatellite", f"{models['golden']:.0f} iterations a second"),
+        ("filterpy, float64, same data", f"{models['filterpy']:.0f} iterations a second"),
+        ("golden model to filterpy", f"{models['golden_to_filterpy']:.2f}"),
         (
-            "| first step of a process on the golden model, processor time, then of the next one | "
-            f"{first['cold_seconds']:.1f} s, {first['warm_seconds']:.1f} s |"
+            "first step of a process on the golden model, processor time, then of the next one",
+            f"{first['cold_seconds']:.1f} s, {first['warm_seconds']:.1f} s",
         ),
-        f"| float64 reference | {models['reference']:.0f} iterations a second |",
+        ("float64 reference", f"{models['reference']:.0f} iterations a second"),
         (
-            f"| co-simulation in lockstep | {cosim['iterations_per_second']:.1f} iterations, "
-            f"{cosim['clocks_per_second']:.0f} clocks a second |"
+            "co-simulation in lockstep",
+            (
+                f"{cosim['iterations_per_second']:.1f} iterations, "
+                f"{cosim['clocks_per_second']:.0f} clocks a second"
+            ),
         ),
         (
-            f"| sweep of {sweep['points']} cores, no synthesis, {sweep['workers']} processes | "
-            f"{sweep['points_per_second']:.1f} cores a second |"
+            f"sweep of {sweep['points']} cores, no synthesis, {sweep['workers']} processes",
+            f"{sweep['points_per_second']:.1f} cores a second",
         ),
-        f"| the same from the cache | {sweep['cached_points_per_second']:.0f} cores a second |",
-    ]
-    lines += [
-        f"| n = {row['n']}: schedule, then generate | {row['schedule_seconds']:.1f} s, "
-        f"{row['generate_seconds']:.1f} s |"
-        for row in record["generator"]
-    ]
-    lines += [
-        "",
-        (
-            f"{record['configuration']}; {computer['processors']} processors of "
-            f"{computer['machine']}, Python {computer['python']}, load {computer['load']:g} at the "
-            "start. filterpy calls the models once a point."
+        ("the same from the cache", f"{sweep['cached_points_per_second']:.0f} cores a second"),
+        *(
+            (
+                f"n = {row['n']}: schedule, then generate",
+                f"{row['schedule_seconds']:.1f} s, {row['generate_seconds']:.1f} s",
+            )
+            for row in record["generator"]
         ),
     ]
-    return "\n".join(lines) + "\n"
+    return table(("what", "speed"), rows) + (
+        f"\n{record['configuration']}; {computer['processors']} processors of "
+        f"{computer['machine']}, Python {computer['python']}, load {computer['load']:g} at the "
+        "start. filterpy calls the models once a point.\n"
+    )
 
 
-def main() -> None:
-    """Measure, and write ``docs/measured/bench.json``."""
-    record = measure()
-    MEASURED.parent.mkdir(parents=True, exist_ok=True)
-    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    print(markdown(record))
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    name="bench", document=DOCS / "design-space.md", measure=_measure, tables={"bench": _table}
+)

@@ -1,12 +1,11 @@
-"""How cycles grow with states and with processing elements: ``make growth`` finds out."""
+"""How cycles grow with states and with processing elements."""
 
-import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from rich.progress import Progress
-
+from ukf_docs import DOCS
+from ukf_docs.markdown import table
+from ukf_docs.studies.study import Study, Tell
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Form
@@ -16,10 +15,8 @@ from ukf_tools.design_space.executors import LocalExecutor
 from ukf_tools.design_space.points import Point, grid
 from ukf_tools.design_space.sweep import Questions, sweep
 
-__all__ = ["MEASURED", "markdown", "points"]
+__all__ = ["STUDY", "points"]
 
-#: Where the figures go.
-MEASURED = Path(__file__).parents[2] / "measured" / "growth.json"
 #: States of the first study, with as many process noise terms; observations as the nanosatellite.
 STATES = range(4, 32)
 #: Processing elements at which states grow.
@@ -36,37 +33,29 @@ def points() -> list[Point]:
     ]
 
 
-def markdown(record: list[dict[str, Any]]) -> str:
-    """Write fitted exponents as a table."""
-    over = {"n": "states", "pes": "processing elements"}
-    lines = [
-        "| Figure | over | range | cores | exponent | worst core off the fit |",
-        "|--------|------|------:|-------|---------:|-----------------------:|",
-    ]
-    lines += [
-        f"| {row['figure'].replace('_', ' ')} | {over[row['over']]} | {row['low']} to "
-        f"{row['high']} | {row['group']} | {row['exponent']:+.2f} | {row['worst'] - 1.0:.0%} |"
-        for row in record
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def main() -> None:
-    """Sweep, fit, and write ``docs/measured/growth.json``."""
-    cores = points()
-    with Progress() as bars:
-        bar = bars.add_task(f"{len(cores)} cores")
-        outcome = sweep(
-            cores, Questions(resources=False), Cache(CACHE), LocalExecutor(),
-            lambda what, done, total: bars.update(bar, completed=done, total=total),
-        )  # fmt: skip
+def _measure(tell: Tell) -> list[dict[str, Any]]:
+    """Sweep, and fit."""
+    outcome = sweep(points(), Questions(resources=False), Cache(CACHE), LocalExecutor(), tell)
     # The nanosatellite is one of the sizes, and would be there twice.
     states = [row for row in outcome.rows if row["configuration"] is None]
     elements = [row for row in outcome.rows if row["configuration"] is not None]
-    record = [asdict(growth) for rows in (states, elements) for growth in growths(rows)]
-    MEASURED.parent.mkdir(parents=True, exist_ok=True)
-    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return [asdict(growth) for rows in (states, elements) for growth in growths(rows)]
 
 
-if __name__ == "__main__":
-    main()
+def _table(record: list[dict[str, Any]]) -> str:
+    """Write fitted exponents."""
+    over = {"n": "states", "pes": "processing elements"}
+    rows = [
+        (
+            row["figure"].replace("_", " "), over[row["over"]], f"{row['low']} to {row['high']}",
+            row["group"], f"{row['exponent']:+.2f}", f"{row['worst'] - 1.0:.0%}",
+        )
+        for row in record
+    ]  # fmt: skip
+    headings = ("figure", "over", "range", "cores", "exponent", "worst core off the fit")
+    return table(headings, rows, left=4)
+
+
+STUDY = Study(
+    name="growth", document=DOCS / "design-space.md", measure=_measure, tables={"growth": _table}
+)

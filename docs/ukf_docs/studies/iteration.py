@@ -1,18 +1,20 @@
 """Time of an iteration of the nanosatellite beside tables 1 and 4 of the 2018 paper."""
 
-import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ukf_docs import DOCS
+from ukf_docs.markdown import table
+from ukf_docs.studies.study import Study, Tell
 from ukf_sim.session import CACHE, Job, cosimulate
 from ukf_sim.simulators import Simulator
 from ukf_sw.problems.configurations import CONFIGURATIONS, Problem
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.estimate.latency import latency
 
-__all__ = ["BUS_CLOCKS", "MEASURED", "Traffic", "measure_traffic", "timing_table"]
+__all__ = ["BUS_CLOCKS", "STUDY", "Traffic", "load", "measure_traffic"]
 
 #: Clocks a word on the paper's bus at 100 MHz: its transfers took 116 us, for 726 words of sigma
 #: points (20, 7 and 6 rows of 22), 13 of z and x, and a few of registers.
@@ -29,8 +31,8 @@ PAPER: dict[str, tuple[float | None, ...]] = {
     "update": (87.0, 56.0, 30.0, 21.0, 17.0),
     "total": (660.0, 363.0, 272.0, 228.0, 212.0),
 }
-#: Where the traffic that the table is made of is kept.
-MEASURED = Path(__file__).parents[2] / "measured" / "iteration.json"
+#: Configurations of the nanosatellite that are co-simulated.
+NAMES = ("nanosat", "nanosat-additive")
 #: Iterations to co-simulate; all but the first are alike.
 STEPS = 3
 
@@ -113,14 +115,26 @@ def measure_traffic(
     )
 
 
-def load(file: Path = MEASURED) -> dict[str, Traffic]:
+def load(record: dict[str, dict[str, Any]]) -> dict[str, Traffic]:
     """Read what was measured, by configuration."""
-    records: dict[str, dict[str, Any]] = json.loads(file.read_text(encoding="utf-8"))
-    return {name: Traffic(**record) for name, record in records.items()}
+    return {name: Traffic(**traffic) for name, traffic in record.items()}
 
 
-def timing_table(measured: dict[str, Traffic]) -> str:
-    """Make the table, in Markdown, of the traffic of "nanosat" and "nanosat-additive"."""
+def _measure(tell: Tell) -> dict[str, dict[str, Any]]:
+    """Co-simulate iterations of the nanosatellite with the paper's bus."""
+    record: dict[str, dict[str, Any]] = {}
+    for k, name in enumerate(NAMES):
+
+        def progress(what: str, k: int = k) -> None:
+            tell(what, k, len(NAMES))
+
+        record[name] = asdict(measure_traffic(name, progress=progress))
+    return record
+
+
+def _table(record: dict[str, dict[str, Any]]) -> str:
+    """Write the time of an iteration beside the paper's."""
+    measured = load(record)
     us = "{:.1f}".format
     schedule = {
         name: [latency(replace(CONFIGURATIONS[name].params, pes=pes), Pipeline()) for pes in PES]
@@ -136,18 +150,26 @@ def timing_table(measured: dict[str, Traffic]) -> str:
         if key == "nanosat":
             ours["system models"] = [us(traffic.microseconds(0))] * len(PES)
         ours[row] = [f"**{us(traffic.microseconds(p['total']))}**" for p in schedule[key]]
-    rows = [
-        "| µs | software | " + " | ".join(f"2018, {pes} PE{'s' * (pes > 1)}" for pes in PES)
-        + " | " + " | ".join(f"here, {pes}" for pes in PES) + " |",
-        "|---|" + "---:|" * (1 + 2 * len(PES)),
-    ]  # fmt: skip
+    headings = (
+        "µs", "software", *(f"2018, {pes} PE{'s' * (pes > 1)}" for pes in PES),
+        *(f"here, {pes}" for pes in PES),
+    )  # fmt: skip
+    rows: list[tuple[str, ...]] = []
     for name in (*PAPER, "total, additive noise"):
         paper = ["–" if value is None else f"{value:g}" for value in PAPER.get(name, (None,) * 5)]
-        rows.append(f"| {name} | " + " | ".join((*paper, *ours[name])) + " |")
+        rows.append((name, *paper, *ours[name]))
     notes = [
         f"{name}: {t.words} words of data and {t.control} of registers an iteration; with "
         f"{BUS_CLOCKS} clocks a word the co-simulation of {t.pes} PE took {t.clocks} clocks, of "
         f"which the core computed {t.cycles}"
         for name, t in measured.items()
     ]
-    return "\n".join((*rows, "", "; ".join(notes) + "."))
+    return table(headings, rows) + f"\n{'; '.join(notes)}.\n"
+
+
+STUDY = Study(
+    name="iteration",
+    document=DOCS / "applications.md",
+    measure=_measure,
+    tables={"iteration": _table},
+)

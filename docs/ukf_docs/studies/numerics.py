@@ -1,10 +1,14 @@
 """What number format, form and W0 do to the applications: measured on the golden model."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from ukf_docs import DOCS
+from ukf_docs.markdown import table
+from ukf_docs.studies.study import Study, Tell
 from ukf_sw.errors import StepError, UkfError
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.judging import iterate
@@ -13,7 +17,7 @@ from ukf_sw.spec.float_format import FORMATS
 from ukf_sw.spec.parameters import Form
 from ukf_tools.evaluate.runner import find
 
-__all__ = ["Measurement", "measure_formats", "measure_weights", "tables"]
+__all__ = ["STUDY", "Measurement", "measure", "measure_formats", "measure_weights"]
 
 FORMAT_NAMES = ("binary16", "bfloat16", "binary32", "binary64")
 WEIGHTS = (0.0, 0.5, 0.9, 0.99)
@@ -119,28 +123,62 @@ def measure_weights(name: str, steps: int = STEPS) -> dict[float, tuple[Measurem
     return measured
 
 
-def tables(
-    names: Iterable[str] = tuple(CATALOGUE),
-    steps: int = STEPS,
-    progress: Callable[[str], None] | None = None,
-) -> dict[str, str]:
-    """Measure, and make the tables of the document, in Markdown, by the name of their markers."""
-    tell = progress or (lambda what: None)
-    formats = [
-        "| application | form | " + " | ".join(FORMAT_NAMES) + " |",
-        "| --- " * (2 + len(FORMAT_NAMES)) + "|",
-    ]
-    heads = [f"{W0:g}" for W0 in WEIGHTS]
-    points = ["| application | filter | " + " | ".join(heads) + " |", "| --- " * 6 + "|"]
-    for name in names:
-        tell(f"{name}: formats")
-        measured = measure_formats(name, steps)
-        for form in Form:
-            cells = " | ".join(str(measured[form, number]) for number in FORMAT_NAMES)
-            formats.append(f"| {name} | {form.value} | {cells} |")
-        tell(f"{name}: W0")
+def measure(
+    tell: Tell, names: Iterable[str] = tuple(CATALOGUE), steps: int = STEPS
+) -> dict[str, dict[str, dict[str, list[str]]]]:
+    """Measure formats, forms and W0.
+
+    Parameters
+    ----------
+    tell
+        Called with what is being done.
+    names
+        Entries of the catalogue.
+    steps
+        Steps of each run.
+
+    Returns
+    -------
+    dict
+        "formats": by application and form, what each format does; "weights": by application and
+        filter, what each W0 does.
+    """
+    names = list(names)
+    formats: dict[str, dict[str, list[str]]] = {}
+    weights: dict[str, dict[str, list[str]]] = {}
+    for k, name in enumerate(names):
+        tell(f"{name}: formats", 2 * k, 2 * len(names))
+        found = measure_formats(name, steps)
+        formats[name] = {
+            form.value: [str(found[form, number]) for number in FORMAT_NAMES] for form in Form
+        }
+        tell(f"{name}: W0", 2 * k + 1, 2 * len(names))
         pairs = measure_weights(name, steps).values()
-        for row, label in enumerate(("float64", "binary32")):
-            cells = " | ".join(str(pair[row]) for pair in pairs)
-            points.append(f"| {name} | {label} | {cells} |")
-    return {"formats": "\n".join(formats), "weights": "\n".join(points)}
+        weights[name] = {
+            label: [str(pair[row]) for pair in pairs]
+            for row, label in enumerate(("float64", "binary32"))
+        }
+    return {"formats": formats, "weights": weights}
+
+
+def _rows(measured: dict[str, dict[str, list[str]]]) -> list[tuple[str, ...]]:
+    return [
+        (name, kind, *cells) for name, kinds in measured.items() for kind, cells in kinds.items()
+    ]
+
+
+def _formats(record: dict[str, Any]) -> str:
+    return table(("application", "form", *FORMAT_NAMES), _rows(record["formats"]), left=6)
+
+
+def _weights(record: dict[str, Any]) -> str:
+    heads = [f"{W0:g}" for W0 in WEIGHTS]
+    return table(("application", "filter", *heads), _rows(record["weights"]), left=6)
+
+
+STUDY = Study(
+    name="numerics",
+    document=DOCS / "numerics.md",
+    measure=measure,
+    tables={"formats": _formats, "weights": _weights},
+)

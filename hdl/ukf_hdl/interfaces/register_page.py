@@ -5,11 +5,29 @@ from typing import Any
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Flag, Way
 
-__all__ = ["register_page"]
+__all__ = ["register_map", "register_page"]
+
+#: What no field says; :class:`ukf_hdl.core.control.Control` promises it.
+BEHAVIOUR = """\
+- **Reserved bits** read as 0; writes to them, and to fields that are `ro`, do nothing.
+- **Refused accesses** are answered `SLVERR`, have no effect and read as 0: addresses without a
+  register or an element, and the buffer while a step runs. Registers can be accessed at any time.
+- **Bytes**: write strobes are honoured, in registers and buffer.
+- **Starts**: exactly one start bit, with `ENABLE` set by then, while no step runs, and in sequence.
+  Any other start has no effect but `ERROR.CODE` = 1. SIG_GEN with sigma points already there ends
+  at once.
+- **When a value counts**: `MASK` as it is at the start of UPDATE, the gate as it is at its end.
+- **Races**, on one clock: a write is judged before the end of a step. So a start on the clock on
+  which a step ends is illegal, an error of the ending step replaces its code 1, and `RESET` drops
+  the ending step; only a gate written on that clock comes too late. An event wins over the write
+  that clears its pending bit.
+- **Access**: `ro` read only; `rw` read and write; `w1s` writing 1 starts something, reads as 0;
+  `rw1c` set by the core, writing 1 clears it.
+"""
 
 
-def register_page(record: dict[str, Any]) -> str:
-    """Render registers and buffer of a core as a page of Markdown.
+def register_map(record: dict[str, Any]) -> str:
+    """Render registers, their behaviour and the buffer of a core as Markdown without a title.
 
     Parameters
     ----------
@@ -17,40 +35,35 @@ def register_page(record: dict[str, Any]) -> str:
         Description of the core.
     """
     lines = [
-        f"# Registers of {record['name']}",
-        "",
         f"{Core.from_record(record).description}.",
         "",
         f"Addresses are in bytes, {record['address_width']} bits wide. A word has 32 bits.",
         "",
-        "| Offset | Register | Bits | Field | Access | Reset | Meaning |",
-        "|-------:|----------|-----:|-------|--------|------:|---------|",
+        "## Registers",
+        "",
     ]
     for register in record["registers"]:
+        lines += [
+            f"### `{register['name']}`, offset `{register['offset']:#04x}`",
+            "",
+            register["doc"],
+            "",
+            "| Bits | Field | Access | Reset | Meaning |",
+            "|-----:|-------|--------|------:|---------|",
+        ]
         for field in sorted(register["fields"], key=lambda field: -field["lsb"]):
             top = field["lsb"] + field["width"] - 1
             bits = f"{top}:{field['lsb']}" if field["width"] > 1 else str(top)
             lines.append(
-                f"| `{register['offset']:#04x}` | `{register['name']}` | {bits} "
-                f"| `{field['name']}` | {field['access']} | `{field['reset']:#x}` "
+                f"| {bits} | `{field['name']}` | {field['access']} | `{field['reset']:#x}` "
                 f"| {field['doc']} |"
             )
+        lines.append("")
     strides = f"i * {record['row_stride']:#x} + j * {record['element_bytes']}"
     lines += [
+        "## Behaviour",
         "",
-        "## Buffer",
-        "",
-        f"Element (i, j) of a region is at base + {strides}.",
-        "",
-        "| Base | Region | Shape | Meaning |",
-        "|-----:|--------|-------|---------|",
-    ]
-    lines += [
-        f"| `{region['base']:#06x}` | `{region['symbol']}` | {region['rows']} x "
-        f"{region['columns']} | {region['doc']} |"
-        for region in record["regions"]
-    ]
-    lines += [
+        *BEHAVIOUR.splitlines(),
         "",
         "## Steps",
         "",
@@ -65,7 +78,32 @@ def register_page(record: dict[str, Any]) -> str:
         for step in STEPS
         for way in WAYS[step]
     ]
+    lines += [
+        "",
+        "## Buffer",
+        "",
+        f"Element (i, j) of a region is at base + {strides}.",
+        "",
+        "| Base | Region | Shape | Meaning |",
+        "|-----:|--------|-------|---------|",
+    ]
+    lines += [
+        f"| `{region['base']:#06x}` | `{region['symbol']}` | {region['rows']} x "
+        f"{region['columns']} | {region['doc']} |"
+        for region in record["regions"]
+    ]
     return "\n".join([*lines, ""])
+
+
+def register_page(record: dict[str, Any]) -> str:
+    """Render :func:`register_map` as a page of Markdown.
+
+    Parameters
+    ----------
+    record
+        Description of the core.
+    """
+    return f"# Registers of {record['name']}\n\n{register_map(record)}"
 
 
 def _names(flags: Flag) -> str:

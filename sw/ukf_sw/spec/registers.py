@@ -290,17 +290,3 @@ REGISTERS = (
 )  # fmt: skip
 #: Registers that say which core this is; they never change.
 IDENTITY = tuple(register for register in REGISTERS if register.is_fixed)
-
-
-def markdown() -> str:
-    """Render the map as a Markdown table."""
-    rows = ["| Offset | Register | Bits | Field | Access | Reset | Meaning |",
-            "|-------:|----------|-----:|-------|--------|------:|---------|"]  # fmt: skip
-    for register in REGISTERS:
-        for field in sorted(register, key=lambda field: -field.lsb):
-            bits = f"{field.lsb + field.width - 1}:{field.lsb}" if field.width > 1 else field.lsb
-            rows.append(
-                f"| `{register.offset:#04x}` | `{register.name}` | {bits} | `{field.name}` "
-                f"| {field.access.value} | `{field.reset:#x}` | {field.doc} |"
-            )
-    return "\n".join(rows) + "\n"

@@ -1,6 +1,5 @@
 """Speed of software alone beside the core with its bus and models."""
 
-import json
 import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,10 +13,7 @@ from ukf_tools.baseline.costs import Cycles, cost
 from ukf_tools.baseline.counting import SECTIONS, count
 from ukf_tools.baseline.program import ARM, VARIANTS, build
 
-__all__ = ["DOCUMENT", "MEASURED", "PAPER", "bus_words", "markdown", "measure", "refresh"]
-
-MEASURED = Path(__file__).parents[3] / "docs" / "measured" / "baseline.json"
-DOCUMENT = Path(__file__).parents[3] / "docs" / "baseline.md"
+__all__ = ["PAPER", "bus_words", "markdown", "measure"]
 
 #: Clocks of processor and core in MHz, the papers'.
 PROCESSOR_MHZ, CORE_MHZ = 667.0, 100.0
@@ -159,7 +155,7 @@ def _range(bounds: list[float], digits: int = 0) -> str:
 
 
 def markdown(record: dict[str, Any]) -> dict[str, str]:
-    """Tables of the document, by name."""
+    """Tables of the comparison, by name: software, and the core beside it."""
     software = [
         "| us | instructions | sigma points | predict | update | models | **total** |",
         "|----|-------------:|-------------:|--------:|-------:|-------:|----------:|",
@@ -200,27 +196,3 @@ def markdown(record: dict[str, Any]) -> dict[str, str]:
         "software": "\n".join(software) + "\n",
         "core": "\n".join(core) + "\n",
     }
-
-
-def refresh(text: str, record: dict[str, Any]) -> str:
-    """Replace the generated tables of a Markdown text.
-
-    Raises
-    ------
-    ValueError
-        If the markers of a table are missing.
-    """
-    for name, table in markdown(record).items():
-        begin, end = f"<!-- BEGIN GENERATED {name} -->\n", f"<!-- END GENERATED {name} -->"
-        head, found, rest = text.partition(begin)
-        _, closed, tail = rest.partition(end)
-        if not (found and closed):
-            raise ValueError(f"The document must have the markers of the table {name!r}")
-        text = head + begin + table + end + tail
-    return text
-
-
-def write(record: dict[str, Any]) -> None:
-    """Write the record and the tables where the documentation has them."""
-    MEASURED.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    DOCUMENT.write_text(refresh(DOCUMENT.read_text(encoding="utf-8"), record), encoding="utf-8")

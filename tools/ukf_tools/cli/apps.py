@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,6 @@ from ukf_tools.cli.console import (
     fail,
     messages,
     number,
-    print_files,
     print_json,
     progress_teller,
     results,
@@ -270,98 +268,6 @@ def _print_summary(records: list[dict[str, Any]]) -> None:
         results.print(f"[bold red]Outside of its bound:[/] {', '.join(wrong)}")
     else:
         results.print("[bold green]All within their bounds[/]")
-
-
-@apps_app.command("convert")
-def convert(
-    kind: Annotated[str, typer.Argument(help="inertial (needs SciPy) or odometry.")],
-    source: Annotated[Path, typer.Argument(help="File of its authors.")],
-    destination: Annotated[Path, typer.Argument(help="File to write.")],
-) -> None:
-    """Convert recorded data to the files of the package."""
-    from ukf_docs.convert import convert_inertial, convert_odometry
-
-    converters = {"inertial": convert_inertial, "odometry": convert_odometry}
-    if kind not in converters:
-        fail(f"KIND must be one of {', '.join(converters)}, not {kind!r}")
-    try:
-        file = converters[kind](source, destination)
-    except OSError as error:
-        fail(f"{source}: {error.strerror or error}", 1)
-    except ValueError as error:
-        fail(str(error), 1)
-    print_files([file])
-
-
-@apps_app.command("numerics")
-def numerics(
-    document: Annotated[
-        Path, typer.Option("--document", help="Document whose tables to replace.")
-    ] = Path("docs/numerics.md"),
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Steps of each run.")] = 1200,
-) -> None:
-    """Measure formats, forms and W0 on the applications; write the tables of docs/numerics.md."""
-    from ukf_docs.applications import update_document
-    from ukf_docs.studies.numerics import tables
-
-    if not document.is_file():
-        fail(f"--document must be a file, not {str(document)!r}")
-    with messages.status("Measuring") as status:
-        made = tables(steps=steps, progress=status.update)
-    try:
-        update_document(document, made)
-    except ValueError as error:
-        fail(str(error), 1)
-    for table in made.values():
-        results.print(table, highlight=False, soft_wrap=True, markup=False)
-
-
-@apps_app.command("timing")
-def timing() -> None:
-    """Co-simulate iterations of the nanosatellite with the 2018 paper's bus; keep the traffic."""
-    from ukf_docs.studies.iteration import MEASURED, measure_traffic, timing_table
-    from ukf_sim.simulators import SimulatorError
-
-    with messages.status("Starting") as status:
-        try:
-            measured = {
-                name: measure_traffic(name, progress=status.update)
-                for name in ("nanosat", "nanosat-additive")
-            }
-        except (SimulatorError, RuntimeError) as error:
-            fail(str(error), 1)
-    text = json.dumps({name: asdict(found) for name, found in measured.items()}, indent=2) + "\n"
-    MEASURED.write_text(text, encoding="utf-8")
-    results.print(timing_table(measured), highlight=False, soft_wrap=True, markup=False)
-
-
-@apps_app.command("document")
-def document(
-    source: Annotated[
-        Path, typer.Option("--results", help="Folder that `ukf apps all` wrote to.")
-    ] = FOLDER,
-    document: Annotated[
-        Path, typer.Option("--document", help="Document whose tables to replace.")
-    ] = Path("docs/applications.md"),
-    figures: Annotated[Path, typer.Option("--figures", help="Folder for figures.")] = Path(
-        "docs/figures"
-    ),
-) -> None:
-    """Put the results of `ukf apps all` into docs/applications.md and docs/figures."""
-    from ukf_docs.applications import copy_figures, read, sections, update_document
-
-    if not document.is_file():
-        fail(f"--document must be a file, not {str(document)!r}")
-    try:
-        records, study = read(source)
-        copies = copy_figures(records, figures)
-        update_document(document, sections(records, study))
-    except OSError as error:
-        fail(f"{error.filename}: {error.strerror}; run `ukf apps all` first", 1)
-    except ValueError as error:
-        fail(str(error), 1)
-    size = sum(file.stat().st_size for file in copies)
-    results.print(f"{len(copies)} figures, {size} bytes", highlight=False)
 
 
 def _fly(

@@ -19,10 +19,6 @@ def baseline(
             help="Folder of GSL for ARM, as fetch-gsl.sh beside its sources fetches it.",
         ),
     ] = None,
-    document: Annotated[
-        bool,
-        typer.Option("--document", help="Refresh docs/baseline.md and docs/measured as well."),
-    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare the core with the filter wholly in software on a Cortex-A9.
@@ -31,13 +27,11 @@ def baseline(
     brackets. Needs gcc-arm-linux-gnueabihf, qemu-user and llvm-14 (Debian).
     """
     from ukf_tools.baseline.program import BaselineError
-    from ukf_tools.baseline.report import markdown, measure, write
+    from ukf_tools.baseline.report import markdown, measure
 
     try:
         with messages.status("Compiling and counting"):
             record = measure(steps, sysroot)
-        if document:
-            write(record)
     except (BaselineError, ValueError, OSError) as error:
         fail(str(error), 1)
     if as_json:

@@ -28,10 +28,23 @@ def test_site_builds_without_warnings(tmp_path):
 
 
 def test_links_hold_on_both_sides():
-    assert relink("[a](docs/a.md#b)", "index.md") == "[a](a.md#b)"
-    assert relink("[r](../README.md#b) [a](a.md)", "usage.md") == "[r](index.md#b) [a](a.md)"
+    text = "[a](docs/a.md#b) [c](CONTRIBUTING.md) [r](README.md#x)"
+    for page in ("index.md", "contributing.md"):
+        assert relink(text, page) == "[a](a.md#b) [c](contributing.md) [r](index.md#x)"
+    text = "[r](../README.md#b) [c](../CONTRIBUTING.md) [a](a.md)"
+    assert relink(text, "usage.md") == "[r](index.md#b) [c](contributing.md) [a](a.md)"
 
 
 def test_docstrings_become_markdown():
     text = "See :class:`~a.B` and :attr:`c`, like::\n\n    code\n\n::\n\n    more\n"
-    assert plain(text) == "See `a.B` and `c`, like:\n\n    code\n\n\n    more\n"
+    assert plain(text) == "See `B` and `c`, like:\n\n    code\n\n\n    more\n"
+
+
+def test_docstrings_of_components_become_markdown():
+    text = (
+        "Sum of :py:`a + b`, a :ref:`shape <lang-shape>`.\n\nMembers\n-------\n"
+        "a, b : :py:`In(8)`, :py:`In(8)`\n    Of :class:`B`.\n"
+    )
+    assert plain(text) == (
+        "Sum of `a + b`, a shape.\n\nAttributes\n----------\na, b : In(8), In(8)\n    Of `B`.\n"
+    )

@@ -10,7 +10,7 @@ from ukf_docs.pages import PAGES, refresh
 @pytest.mark.system
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_pages_show_what_their_code_prints(page, core_cache):
-    """Run `make readme` if this fails because of other numbers."""
+    """Run `make refresh` if this fails because of other numbers."""
     text = page.read_text(encoding="utf-8")
     assert refresh(text, cache=core_cache) == text
     for works in ("bit-exact: True", "golden model: True"):

@@ -1,0 +1,66 @@
+"""Documents with generated sections, and what makes each section.
+
+Sections derive from the code, or from what a study has measured and noted; so they can be made
+again in seconds, and a test demands that they are current. Those of docs/applications.md that
+:mod:`ukf_docs.applications` makes are of a run of all applications instead.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from ukf_docs import DOCS, README
+from ukf_docs.markdown import table, thousands
+from ukf_docs.studies import STUDIES
+from ukf_hdl.core.ukf_core import UkfCore
+from ukf_hdl.generate import description
+from ukf_hdl.interfaces.register_page import register_map
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.parameters import Form, Pipeline
+from ukf_sw.spec.sequence import Program
+from ukf_tools.design_report import paper_2018
+
+__all__ = ["DOCUMENTS", "make_sections"]
+
+#: Numbers of processing elements of the table of cycles; the paper has all but the last.
+PES = (*paper_2018.LATENCY, 22)
+
+
+def _cycles() -> str:
+    """Cycles of an iteration, from the schedules."""
+    rows: list[tuple[object, ...]] = []
+    for pes in PES:
+        paper = paper_2018.LATENCY.get(pes)
+        cells: list[str] = []
+        for form in (Form.SQUARE_ROOT, Form.COVARIANCE):
+            code = microcode(replace(NANOSAT, pes=pes, form=form), Pipeline())
+            predict, update = code.clocks(Program.PREDICT), code.clocks(Program.UPDATE)
+            cells.append(f"{predict} + {update} = **{predict + update}**")
+        rows.append((pes, *cells, "–" if paper is None else thousands(paper.cycles)))
+    headings = (
+        "PEs", "square-root form: PREDICT + UPDATE", "covariance form", "2018 paper",
+    )  # fmt: skip
+    return table(headings, rows, left=0)
+
+
+def _registers() -> str:
+    """Registers and buffer of the nanosatellite's core."""
+    return register_map(description(UkfCore(replace(NANOSAT, pes=2))))
+
+
+#: Functions that make sections, by document and name of the section.
+DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
+    README: {"cycles": _cycles},
+    DOCS / "registers.md": {"registers": _registers},
+}
+for _study in STUDIES.values():
+    DOCUMENTS.setdefault(_study.document, {}).update(
+        {name: partial(_study.section, name) for name in _study.tables}
+    )
+
+
+def make_sections(document: Path) -> dict[str, str]:
+    """Make the sections of a document, by name."""
+    return {name: make() for name, make in DOCUMENTS[document].items()}
