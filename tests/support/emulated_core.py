@@ -47,17 +47,9 @@ class EmulatedEngine:
     def __init__(self, params):
         self.params = params
         self.layout = Layout(params)
-        self.memory = params.format.decode(self.layout.initial_words())
+        self.memory = self.layout.initial_words()
         self._code = microcode(params, Pipeline())
         self._operations = {program: build_program(self.layout, program) for program in Program}
-
-    def read(self, lane, address):
-        return int(self.params.format.encode(self.memory[lane, address]))
-
-    def write(self, lane, address, word, strobe=-1):
-        bits = sum(0xFF << 8 * k for k in range(8) if strobe >> k & 1)
-        word = word & bits | self.read(lane, address) & ~bits
-        self.memory[lane, address] = self.params.format.decode(word)
 
     def _banks(self, state_bank, factor_bank):
         """Slices of the banked words, and of their copies of these numbers."""
@@ -69,20 +61,27 @@ class EmulatedEngine:
 
     def run(self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
         assert stop_after is None, "steps end at once here"
-        machine = Sequential(self.layout, self.params.format, PLAIN)
-        machine.current, machine.next = self.memory.copy(), self.memory.copy()
+        fmt = self.params.format
+        before = fmt.decode(self.memory)
+        machine = Sequential(self.layout, fmt, PLAIN)
+        machine.current, machine.next = before.copy(), before.copy()
         for plain, now in self._banks(state_bank, factor_bank):
-            machine.current[:, plain] = self.memory[:, now]
+            machine.current[:, plain] = before[:, now]
         for plain, later in self._banks(1 - state_bank, 1 - factor_bank):
-            machine.next[:, plain] = self.memory[:, later]
+            machine.next[:, plain] = before[:, later]
         parts = [Program.UPDATE_REDRAWN, Program.UPDATE]
         for part in parts if program is Program.UPDATE_REDRAWN else [program]:
             if machine.error == (0, 0):
                 machine.run(self._operations[part], mask)
-        self.memory[:] = machine.current
+        after = machine.current
+        for plain, _ in self._banks(state_bank, factor_bank):
+            after[:, plain] = before[:, plain]
         for plain, later in self._banks(1 - state_bank, 1 - factor_bank):
-            self.memory[:, later] = machine.next[:, plain]
-        nis = None if machine.nis is None else int(self.params.format.encode(machine.nis))
+            after[:, later] = machine.next[:, plain]
+        # Words that no operation has written stay as they are, whatever they are.
+        written = before.view(np.uint64) != after.view(np.uint64)
+        self.memory[written] = fmt.encode(after)[written]
+        nis = None if machine.nis is None else int(fmt.encode(machine.nis))
         return RunResult(*machine.error, nis, self._code.clocks(program))
 
 
