@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from ukf_sim.lockstep import MismatchError
-from ukf_sim.session import CACHE, Context, Job, cosimulate, step_timeout
+from ukf_sim.session import CACHE, Context, Job, run_job, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
-__all__ = ["RemoteBus", "make_backend", "serve"]
+__all__ = ["RemoteBus", "cosim_backend", "serve"]
 
 
 def serve(context: Context, *, address: str) -> None:
@@ -164,14 +164,14 @@ def main(folder: Path) -> None:
     """Simulate what a :class:`RemoteBus` left in a folder: the process that it starts."""
     job, simulator, cache = pickle.loads((folder / "job.pickle").read_bytes())
     try:
-        cosimulate(job, simulator, cache=cache)
+        run_job(job, simulator, cache=cache)
     except Exception as error:
         with suppress(OSError), Client(job.arguments["address"]) as connection:
             connection.send(("failed", str(error)))
         raise SystemExit(1) from error
 
 
-def make_backend(params: UkfParams, where: str = "") -> Driver:
+def cosim_backend(params: UkfParams, where: str = "", pipeline: Pipeline | None = None) -> Driver:
     """Make the backend ``cosim``, or ``cosim:icarus``: a driver of a simulated core.
 
     Parameters
@@ -180,6 +180,8 @@ def make_backend(params: UkfParams, where: str = "") -> Driver:
         The core.
     where
         Simulator; Verilator if empty.
+    pipeline
+        How the core is built; None is the default.
 
     Raises
     ------
@@ -191,10 +193,10 @@ def make_backend(params: UkfParams, where: str = "") -> Driver:
     names = [simulator.value for simulator in Simulator]
     if where and where not in names:
         raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
-    bus = RemoteBus(params, simulator=Simulator(where) if where else Simulator.VERILATOR)
+    bus = RemoteBus(params, pipeline, Simulator(where) if where else Simulator.VERILATOR)
     return Driver(
         bus, params, interrupt=bus.wait_for_interrupt, clock=bus.clock, count_cycles=True,
-        timeout=step_timeout(params, Pipeline()),
+        timeout=step_timeout(params, pipeline or Pipeline()),
     )  # fmt: skip
 
 

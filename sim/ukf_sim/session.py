@@ -1,4 +1,4 @@
-"""Running software against the simulated core: from parameters to results."""
+"""Running a function in the process of a simulator, with the simulated core at hand."""
 
 import pickle
 import tempfile
@@ -28,10 +28,10 @@ __all__ = [
     "CACHE",
     "JOB_VARIABLE",
     "Context",
-    "Failure",
     "Job",
-    "Outcome",
-    "cosimulate",
+    "JobResult",
+    "TaskFailure",
+    "run_job",
     "step_timeout",
 ]
 
@@ -71,8 +71,8 @@ class Job:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Failure:
-    """An exception in the process of the simulator.
+class TaskFailure:
+    """An exception of a task, in the process of the simulator.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ class Failure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class JobResult:
     """What came of a job.
 
     Parameters
     ----------
-    result
+    value
         What the task returned.
     build
         The compiled core.
@@ -99,7 +99,7 @@ class Outcome:
         How long the simulation ran, starting the process included.
     """
 
-    result: Any
+    value: Any
     build: Build
     seconds: float
 
@@ -158,14 +158,14 @@ class Context:
         (self.folder / "progress").write_text(str(done), encoding="ascii")
 
 
-def cosimulate(
+def run_job(
     job: Job,
     simulator: Simulator = Simulator.VERILATOR,
     *,
     cache: Path = CACHE,
     optimise: bool = True,
     progress: Callable[[str, int], None] | None = None,
-) -> Outcome:
+) -> JobResult:
     """Generate and compile a core, unless that was done before, and run a job on it.
 
     Parameters
@@ -184,7 +184,7 @@ def cosimulate(
 
     Returns
     -------
-    Outcome
+    JobResult
 
     Raises
     ------
@@ -200,8 +200,8 @@ def cosimulate(
         compiled = build(folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise)
         tell("simulate", 0)
         start = time.monotonic()
-        result = _run(job, compiled, folder, tell)
-        return Outcome(result=result, build=compiled, seconds=time.monotonic() - start)
+        value = _run(job, compiled, folder, tell)
+        return JobResult(value=value, build=compiled, seconds=time.monotonic() - start)
 
 
 def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], None]) -> Any:
@@ -222,7 +222,7 @@ def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], Non
         tell("simulate", _progress(folder))
     file = folder / "result.pickle"
     result = pickle.loads(file.read_bytes()) if file.exists() else None
-    if isinstance(result, Failure):
+    if isinstance(result, TaskFailure):
         raise SimulatorError(
             f"{job.task} failed in {compiled.simulator.value}: {result.kind}: {result.message}\n"
             f"{result.trace}"

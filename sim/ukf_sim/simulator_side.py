@@ -11,7 +11,7 @@ import cocotb
 from cocotb.task import bridge
 
 from ukf_sim.bus import CoreBench
-from ukf_sim.session import JOB_VARIABLE, Context, Failure
+from ukf_sim.session import JOB_VARIABLE, Context, TaskFailure
 
 
 @cocotb.test
@@ -30,6 +30,7 @@ async def run_job(dut: Any) -> None:
     try:
         result = await bridge(task)(context, **job.arguments)
     except BaseException as error:  # one that ends the process is a result, too
-        keep(Failure(kind=type(error).__name__, message=str(error), trace=traceback.format_exc()))
+        trace = traceback.format_exc()
+        keep(TaskFailure(kind=type(error).__name__, message=str(error), trace=trace))
         raise
     keep(result)

@@ -7,9 +7,10 @@ The testbench makes the same accesses to the Verilog and compares every word it 
 from pathlib import Path
 
 from ukf_sw.drivers.driver import Driver
+from ukf_sw.errors import StepError
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.configurations import Problem
-from ukf_sw.problems.judging import run_problem
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import run
 from ukf_sw.spec.memory_map import MemoryMap
 
 __all__ = ["NAME", "record", "write"]
@@ -42,13 +43,13 @@ class _Recorder:
         return self._bus.wait_for_interrupt(timeout)
 
 
-def record(problem: Problem, steps: int) -> list[tuple[int, int, int]]:
+def record(recipe: Recipe, steps: int) -> list[tuple[int, int, int]]:
     """Run a filter on the golden model and note every access.
 
     Parameters
     ----------
-    problem
-        The problem.
+    recipe
+        How to make the scenario.
     steps
         How many iterations.
 
@@ -62,13 +63,12 @@ def record(problem: Problem, steps: int) -> list[tuple[int, int, int]]:
     ValueError
         If the scenario has fewer steps, or the filter fails on it.
     """
-    scenario = problem.scenario(steps)
-    bus = _Recorder(GoldenBus(GoldenCore(problem.params)))
-    driver = Driver(bus, problem.params, interrupt=bus.wait_for_interrupt)
-    result = run_problem(driver, scenario, steps)
-    if result["stopped"] is not None:
-        raise ValueError(f"steps must succeed, not stop with: {result['stopped']['message']}")
-    driver.covariance()
+    bus = _Recorder(GoldenBus(GoldenCore(recipe.params)))
+    driver = Driver(bus, recipe.params, interrupt=bus.wait_for_interrupt)
+    try:
+        run(recipe.scenario(steps), driver, steps=steps, covariance=True)
+    except StepError as error:
+        raise ValueError(f"steps must succeed, not stop with: {error}") from error
     return bus.accesses
 
 
@@ -170,12 +170,12 @@ endmodule
 """
 
 
-def write(problem: Problem, steps: int, output: Path) -> list[Path]:
+def write(recipe: Recipe, steps: int, output: Path) -> list[Path]:
     """Write the testbench to a folder.
 
     Parameters
     ----------
-    problem, steps
+    recipe, steps
         As for :func:`record`.
     output
         Folder to write to; made if absent.
@@ -185,13 +185,13 @@ def write(problem: Problem, steps: int, output: Path) -> list[Path]:
     list of Path
         The module, and what it replays.
     """
-    accesses = record(problem, steps)
+    accesses = record(recipe, steps)
     output.mkdir(parents=True, exist_ok=True)
     bench, vectors = output / f"{NAME}.v", output / _VECTORS
     bench.write_text(
         _TEXT.format(
             count=len(accesses),
-            width=MemoryMap(problem.params).address_width,
+            width=MemoryMap(recipe.params).address_width,
             patience=100_000,
             vectors=_VECTORS,
         ),

@@ -13,22 +13,25 @@ Name                       What computes
 =========================  =========================================================
 
 Installed packages add theirs as entry points of the group ``ukf_sw.backends``; the co-simulation
-does so as ``cosim``. Such a function takes the parameters and the text after the colon.
+does so as ``cosim``, and ``cosim:NAME`` names the simulator. Such a function takes the parameters,
+the text after the colon, and how the core is built.
 """
 
 from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 # What is slow to import, or needs more than NumPy, is imported by the backends that need it.
+if TYPE_CHECKING:
+    from ukf_sw.drivers.driver import Driver
 
-__all__ = ["GROUP", "Backend", "backend_names", "make_backend"]
+__all__ = ["GROUP", "Backend", "backend_names", "golden_driver", "make_backend"]
 
 #: Group of entry points.
 GROUP = "ukf_sw.backends"
@@ -100,19 +103,32 @@ class Backend(Protocol):
         ...
 
 
-def _reference(params: UkfParams, where: str) -> Backend:
+def golden_driver(params: UkfParams, pipeline: Pipeline | None = None) -> "Driver":
+    """Make a golden model with its driver.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+    pipeline
+        How it is built, which decides cycles only; None is the default.
+    """
+    from ukf_sw.drivers.driver import Driver
+    from ukf_sw.golden import GoldenBus, GoldenCore
+
+    return Driver(GoldenBus(GoldenCore(params, pipeline)), params)
+
+
+def _reference(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     from ukf_sw.reference import ReferenceUkf
 
     _nothing("reference", where)
     return ReferenceUkf(params)
 
 
-def _golden(params: UkfParams, where: str) -> Backend:
-    from ukf_sw.drivers.driver import Driver
-    from ukf_sw.golden import GoldenBus, GoldenCore
-
+def _golden(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     _nothing("golden", where)
-    return Driver(GoldenBus(GoldenCore(params)), params)
+    return golden_driver(params, pipeline)
 
 
 def _nothing(name: str, where: str) -> None:
@@ -120,7 +136,7 @@ def _nothing(name: str, where: str) -> None:
         raise ValueError(f"backend must be {name!r}, with nothing behind it, not {where!r}")
 
 
-def _uio(params: UkfParams, where: str) -> Backend:
+def _uio(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     from ukf_sw.drivers.driver import Driver
     from ukf_sw.drivers.uio import UioBus
 
@@ -130,7 +146,7 @@ def _uio(params: UkfParams, where: str) -> Backend:
     return Driver(bus, params, interrupt=bus.wait_for_interrupt)
 
 
-def _pynq(params: UkfParams, where: str) -> Backend:
+def _pynq(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     from ukf_sw.drivers.driver import Driver
     from ukf_sw.drivers.pynq_bus import PynqBus
 
@@ -145,7 +161,7 @@ def _pynq(params: UkfParams, where: str) -> Backend:
     return Driver(bus, params, interrupt=bus.wait_for_interrupt if pin else None)
 
 
-_OWN: dict[str, Callable[[UkfParams, str], Backend]] = {
+_OWN: dict[str, Callable[[UkfParams, str, Pipeline | None], Backend]] = {
     "reference": _reference,
     "golden": _golden,
     "uio": _uio,
@@ -158,7 +174,7 @@ def backend_names() -> list[str]:
     return [*_OWN, *sorted({point.name for point in entry_points(group=GROUP)} - set(_OWN))]
 
 
-def make_backend(name: str, params: UkfParams) -> Backend:
+def make_backend(name: str, params: UkfParams, pipeline: Pipeline | None = None) -> Backend:
     """Make a backend.
 
     Parameters
@@ -167,6 +183,8 @@ def make_backend(name: str, params: UkfParams) -> Backend:
         As in the table above.
     params
         Parameters of the filter. A core may have another number of processing elements.
+    pipeline
+        How a core that is made here is built; None is the default. It decides cycles only.
 
     Raises
     ------
@@ -179,7 +197,7 @@ def make_backend(name: str, params: UkfParams) -> Backend:
     """
     kind, _, where = name.partition(":")
     if kind in _OWN:
-        return _OWN[kind](params, where)
+        return _OWN[kind](params, where, pipeline)
     for point in entry_points(group=GROUP, name=kind):
-        return point.load()(params, where)
+        return point.load()(params, where, pipeline)
     raise ValueError(f"backend must be one of {', '.join(backend_names())}, not {name!r}")

@@ -14,8 +14,7 @@ import argparse
 import faulthandler
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,24 +25,12 @@ from ukf_sw.backends import make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import UkfError
 from ukf_sw.extras import MissingExtraError
-from ukf_sw.problems.scenario import Results, Scenario, run
-from ukf_sw.problems.systems.nanosat import nanosat, nanosat_2014
-from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.parameters import Noise
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.judging import judge
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import Run, run
 
 __all__ = ["compare", "main"]
-
-
-def _additive(seed: int = 0, *, steps: int | None = None) -> Scenario:
-    return nanosat(seed, noise=Noise.ADDITIVE, steps=steps)
-
-
-#: What can be run; the catalogue has more, but needs more than NumPy.
-SCENARIOS: dict[str, Callable[..., Scenario]] = {
-    "nanosat": nanosat,
-    "nanosat-2014": nanosat_2014,
-    "nanosat-additive": _additive,
-}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -54,7 +41,10 @@ def _parser() -> argparse.ArgumentParser:
         "--backend", default="golden",
         help="reference, golden, cosim, uio:NUMBER_OR_NAME, pynq:ADDRESS[,INTERRUPT_PIN]",
     )  # fmt: skip
-    parser.add_argument("--config", default="nanosat", choices=sorted(SCENARIOS))
+    parser.add_argument(
+        "--config", default="nanosat", choices=sorted(CATALOGUE), metavar="NAME",
+        help=f"an entry of the catalogue: {', '.join(CATALOGUE)}",
+    )  # fmt: skip
     parser.add_argument("--pes", type=int, default=1, help="of a model; a core says its own")
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
@@ -89,10 +79,9 @@ def compare(x: NDArray[np.float64], saved: dict[str, Any], about: dict[str, Any]
     return None
 
 
-def _print(results: Results, reference: Results, backend: object, seconds: float) -> None:
-    scenario = results.scenario
-    steps = len(results.times)
-    print(f"{scenario.name}: {steps} steps, {seconds / steps * 1e6:.0f} us each with the models")
+def _print(found: Run, reference: Run, backend: object, seconds: float) -> None:
+    each = seconds / found.steps * 1e6
+    print(f"{found.scenario.name}: {found.steps} steps, {each:.0f} us each with the models")
     if isinstance(backend, Driver):
         traffic = backend.traffic
         print(
@@ -101,10 +90,13 @@ def _print(results: Results, reference: Results, backend: object, seconds: float
         )
         for step, cycles in backend.last_cycles.items():
             print(f"  {step}: {cycles} clocks of the core")
-    for name, unit, own, other in zip(
-        scenario.error_names, scenario.error_units, results.rms(), reference.rms(), strict=True
-    ):
-        print(f"  rms of {name}: {own:.6g} {unit}, float64 reference {other:.6g}")
+    judged = judge(found, reference)
+    after = "" if judged.since is None else f" after {judged.since:g} s"
+    for error in judged.as_dict()["errors"]:
+        print(
+            f"  rms of {error['error']}{after}: {error['rms']:.6g} {error['unit']}, "
+            f"float64 reference {error['float64_rms']:.6g}"
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -123,13 +115,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        made = SCENARIOS[options.config](options.seed, steps=options.steps)
-        scenario = replace(made, params=replace(made.params, pes=options.pes))
+        recipe = Recipe.of(options.config, seed=options.seed, pes=options.pes)
+        scenario = recipe.scenario(options.steps)
         backend = make_backend(options.backend, scenario.params)
         if isinstance(backend, Driver):
             backend.count_cycles = True
         start = time.perf_counter()
-        results = run(scenario, backend)
+        found = run(scenario, backend)
         seconds = time.perf_counter() - start
     except (ValueError, OSError, MissingExtraError) as error:
         print(f"Error: {error}", file=sys.stderr)
@@ -137,18 +129,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UkfError as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 1
-    _print(results, run(scenario, ReferenceUkf(scenario.params)), backend, seconds)
+    _print(found, run(scenario, "reference"), backend, seconds)
     about: dict[str, Any] = {
         "config": options.config,
         "seed": options.seed,
         "pes": backend.pes if isinstance(backend, Driver) else 0,
     }
     if options.save:
-        np.savez(options.save, allow_pickle=False, x=results.x, **about)
+        np.savez(options.save, allow_pickle=False, x=found.x, **about)
     if options.compare:
         with np.load(options.compare) as file:
             saved = {name: file[name] if name == "x" else file[name].item() for name in file}
-        difference = compare(results.x, saved, about)
+        difference = compare(found.x, saved, about)
         if difference is not None:
             print(f"Not equal: {difference}", file=sys.stderr)
             return 1

@@ -37,8 +37,8 @@ class MissingExtraError(ModuleNotFoundError):
 
     def __init__(self, modules: tuple[str, ...], extras: tuple[str, ...]) -> None:
         names = f"{', '.join(modules)} {'is' if len(modules) == 1 else 'are'}"
-        command = f"pip install 'ukf-core[{','.join(extras)}]'"
-        super().__init__(f"{names} not installed: {command}", name=modules[0])
+        self.command = f"pip install 'ukf-core[{','.join(extras)}]'"
+        super().__init__(f"{names} not installed: {self.command}", name=modules[0])
         self.modules = modules
         self.extras = extras
 

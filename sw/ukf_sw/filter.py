@@ -179,14 +179,14 @@ class UnscentedKalmanFilter:
         self._noise_R = _covariance(R, "R", params.r)
         self._mask = np.ones(params.m, dtype=np.bool_)
         self._gate = np.inf
-        self._backend = self._make_backend(backend)
+        self._backend = self._find_backend(backend)
         self._initialise(self._x0, self._P0)
 
     @property
     def _needs_definite(self) -> bool:
         return self._params.form is Form.COVARIANCE
 
-    def _make_backend(self, backend: Backend | str) -> Backend:
+    def _find_backend(self, backend: Backend | str) -> Backend:
         """Find the backend of a name."""
         if isinstance(backend, str):
             return make_backend(backend, self._params)

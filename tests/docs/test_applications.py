@@ -11,14 +11,14 @@ from ukf_docs import __main__ as commands
 from ukf_docs import applications
 from ukf_sw.problems import catalogue
 from ukf_tools.cli import app
-from ukf_tools.evaluate import runner, swampsat
+from ukf_tools.evaluate import evaluation, swampsat
 
 
 @pytest.fixture
 def results(tmp_path, monkeypatch):
     """Folder of the results of `ukf apps all`, the study of SwampSat apart."""
     entry = replace(catalogue.CATALOGUE["pendulum"], runs=2)
-    for module in (catalogue, runner):
+    for module in (catalogue, evaluation):
         monkeypatch.setattr(module, "CATALOGUE", {entry.name: entry})
     runner_of(app, tmp_path, monkeypatch)("apps", "all")
     return tmp_path / "build" / "apps"
@@ -26,7 +26,8 @@ def results(tmp_path, monkeypatch):
 
 def test_document_is_made_of_results(documents, results, tmp_path, monkeypatch):
     records = json.loads((results / "errors.json").read_text())
-    records.append(swampsat.study_record(study_of()) | {"plots": records[0]["plots"]})
+    study = swampsat.evaluate_study(study_of()).as_dict()
+    records.append(study | {"plots": records[0]["plots"]})
     (results / "errors.json").write_text(json.dumps(records))
     file = tmp_path / "page.md"
     monkeypatch.setattr(applications, "DOCUMENT", file)

@@ -8,28 +8,21 @@ import pytest
 
 from ukf_docs.studies import STUDIES, baseline, bench, growth, iteration, numerics, routing, study
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.problems.configurations import random_scenario
-from ukf_sw.problems.judging import make_backend, run_problem
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.counting import SECTIONS
 from ukf_tools.baseline.report import PAPER
 
 
-class Reference:
-    """A problem, as far as the reference wants one."""
-
-    def __init__(self, params):
-        self.params = params
-
-
 def test_filterpy_solves_the_same_problem():
     """Or the ratio of speeds would say nothing."""
     params = UkfParams(n=3, m=2, q=3, r=2)
     scenario = random_scenario(params, steps=20)
-    ours = run_problem(make_backend("reference", Reference(params)), scenario, 20)["x"]
-    np.testing.assert_allclose(bench.run_filterpy(scenario, 20), ours, atol=1e-9)
+    ours = run(scenario, "reference")
+    np.testing.assert_allclose(bench.run_filterpy(scenario, 20), ours.x, atol=1e-9)
 
 
 def test_growth_is_studied_over_all_states_and_elements():
@@ -196,8 +189,8 @@ def test_numerics_are_measured():
 
 @pytest.mark.parametrize(("name", "steps"), [("ctrv-masked", 500), ("battery", 600)])
 def test_numerics_take_what_a_scenario_has(name, steps):
-    scenario, errors, _ = numerics._prepare(name, 600)
-    assert scenario.steps == len(errors) == steps
+    found = numerics._prepare(name, 600)
+    assert found.scenario.steps == found.steps == steps
 
 
 def test_numerics_say_where_a_core_stops():

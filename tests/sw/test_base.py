@@ -23,7 +23,7 @@ from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import StepError
 from ukf_sw.extras import EXTRAS, MissingExtraError, importing, require
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32

@@ -25,11 +25,11 @@ from ukf_sw.errors import (
     WrongCoreError,
 )
 from ukf_sw.golden import GoldenBus
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import (
     ID,
     MASK,
@@ -285,14 +285,16 @@ def test_other_packages_add_backends(monkeypatch):
         name = "mine"
 
         def load(self):
-            return lambda params, where: (params, where)
+            return lambda params, where, pipeline: (params, where, pipeline)
 
     def points(group, name=None):
         assert group == "ukf_sw.backends"
         return [Point()] if name in (None, "mine") else []
 
     monkeypatch.setattr("ukf_sw.backends.entry_points", points)
-    assert make_backend("mine:there", PARAMS) == (PARAMS, "there")
+    assert make_backend("mine:there", PARAMS) == (PARAMS, "there", None)
+    deep = Pipeline(add=5)
+    assert make_backend("mine:there", PARAMS, deep) == (PARAMS, "there", deep)
     assert backend_names() == ["reference", "golden", "uio", "pynq", "mine"]
 
 

@@ -6,7 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ukf_sw.errors import NotPositiveDefiniteError, SingularObservationError
-from ukf_sw.problems.scenario import Scenario, run
+from ukf_sw.problems.judging import judge
+from ukf_sw.problems.running import run
+from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems import nanosat
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.parameters import Form, Noise
@@ -214,8 +216,10 @@ TABLE = [
 @pytest.mark.parametrize(("make", "P0", "rms", "maximum"), TABLE)
 def test_attitude_error_is_small(make, P0, rms, maximum, seed):
     results = run(make(seed, P0=P0, steps=4000))
-    assert (results.rms(after=1.0) < rms).all()
-    assert results.maximum(after=1.0)[0] < maximum
+    judged = judge(results)
+    assert judged.since == 1.0
+    assert (judged.rms < rms).all()
+    assert judged.maximum[0] < maximum
     assert not results.gated.any()
     # With m = 6 observations, NIS is 6 on average if the noise model fits.
     assert np.mean(results.nis) == pytest.approx(6.0, rel=0.1)
@@ -224,13 +228,13 @@ def test_attitude_error_is_small(make, P0, rms, maximum, seed):
 @pytest.mark.parametrize("make", SCENARIOS)
 def test_physical_sensors_work_as_well(make):
     results = run(make(1, P0=0.01, physical=True, steps=3000))
-    assert results.rms(after=1.0)[0] < 0.06
+    assert judge(results).rms[0] < 0.06
 
 
 def test_one_sided_physics_does_not_work():
     scenario = nanosat.nanosat(1, P0=0.01, steps=3000)
     mismatched = replace(scenario, h=nanosat.observation_model(physical=True))
-    assert run(mismatched).rms(after=1.0)[0] > 1.0
+    assert judge(run(mismatched)).rms[0] > 1.0
 
 
 @pytest.mark.parametrize("make", SCENARIOS)
@@ -239,7 +243,7 @@ def test_additive_noise_is_as_accurate(make):
     scenario = make(2, P0=0.01, steps=3000, noise=Noise.ADDITIVE)
     assert (augmented.scenario.params, scenario.params) == (NANOSAT, NANOSAT_ADDITIVE)
     additive = run(scenario)
-    np.testing.assert_allclose(additive.rms(after=1.0), augmented.rms(after=1.0), atol=2e-3)
+    np.testing.assert_allclose(judge(additive).rms, judge(augmented).rms, atol=2e-3)
     assert (additive.x != augmented.x).any()
 
 
@@ -247,7 +251,7 @@ def test_golden_core_follows_the_reference():
     scenario = nanosat.nanosat_2014(1, P0=0.01, steps=1000)
     expected, found = run(scenario), run(scenario, "golden")
     assert np.abs(found.errors - expected.errors).max() < 5e-3
-    assert found.rms(after=0.5)[0] < 0.06
+    assert judge(found, after=0.5).rms[0] < 0.06
 
 
 @pytest.mark.parametrize("make", SCENARIOS)
@@ -307,9 +311,8 @@ def test_run_passes_arguments_to_the_observation_model():
 
 def test_results_after_the_end_are_refused():
     results = run(nanosat.nanosat(steps=5))
-    for method in (results.rms, results.maximum):
-        with pytest.raises(ValueError, match=r"^after must be less than 0\.005 s, not 0\.005$"):
-            method(after=0.005)
+    with pytest.raises(ValueError, match=r"^after must be less than 0\.005 s, not 0\.005$"):
+        judge(results, after=0.005)
 
 
 def test_data_of_different_lengths_are_refused():

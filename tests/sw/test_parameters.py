@@ -9,14 +9,13 @@ from typing import Annotated
 
 import pytest
 
-from ukf_sw.problems.configurations import CONFIGURATIONS
+from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.fields import Meaning, check_parameters, parameters_of
 from ukf_sw.spec.float_format import BINARY16, BINARY32, FORMATS, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 
 KNOWN = ", ".join(FORMATS)
-NANOSAT = CONFIGURATIONS["nanosat"].params
 ODD = FloatFormat(exponent_bits=6, fraction_bits=17)
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from ukf_sw.problems.catalogue import SWAMPSAT_STUDY
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.swampsat import environment
 from ukf_sw.problems.systems.swampsat.ekf import MurrellEkf, process_noise, transition_matrix
 from ukf_sw.problems.systems.swampsat.flight import CALIBRATED, SETTINGS, SwampsatSettings, simulate
@@ -896,9 +896,9 @@ def test_bounds_of_the_study_hold_the_reference():
 @pytest.mark.parametrize("name", [case.name for case in CASES])
 def test_errors_are_those_of_the_reference(name):
     results = app.run_study([name], range(5), delays=(), losses=(), eclipse=False)
-    verdicts = app.judge(results)
+    verdicts = app.compare(results)
     assert verdicts
-    assert all(verdict.okay for _, verdict in verdicts), verdicts
+    assert all(verdict.okay for verdict in verdicts), verdicts
     # Binary32 costs nothing that is seen beside the noise.
     row = results["rows"][0]
     if not row["ukf_reference"]["diverged"]:
@@ -910,7 +910,7 @@ def test_errors_are_those_of_the_reference(name):
 @pytest.mark.slow
 def test_delays_cost_what_the_body_turns():
     results = app.run_study([2], range(3), losses=(), eclipse=False)
-    verdicts = [v for name, v in app.judge(results) if name.startswith("latency")]
+    verdicts = [v for v in app.compare(results) if v.error.startswith("latency")]
     assert len(verdicts) >= 4
     assert all(verdict.okay for verdict in verdicts), verdicts
 

@@ -6,8 +6,9 @@ import pytest
 
 from ukf_sw.models import wrap
 from ukf_sw.problems import data
-from ukf_sw.problems.catalogue import CATALOGUE, Bound, pooled
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.judging import Bound, judge
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems import battery as cell
 from ukf_sw.problems.systems import ctrv as vehicle
 from ukf_sw.problems.systems import gps_ins as navigation
@@ -72,7 +73,7 @@ def whole_runs(entry, backend):
 
 
 def check(entry, results):
-    verdicts = entry.judge(results)
+    verdicts = judge(results).compare(entry.bounds)
     assert verdicts
     for verdict in verdicts:
         assert verdict.okay, (entry.name, verdict)
@@ -100,7 +101,7 @@ def test_quick_entries_are_within_their_bounds(name):
     # The core in binary32 has the same errors: within 1 % on the first run, of those with bounds.
     known = [results[0].scenario.error_names.index(bound.error) for bound in entry.bounds]
     found = run(results[0].scenario, "golden")
-    np.testing.assert_allclose(found.rms()[known], results[0].rms()[known], rtol=0.01)
+    np.testing.assert_allclose(judge(found).rms[known], judge(results[0]).rms[known], rtol=0.01)
 
 
 @pytest.mark.slow
@@ -114,8 +115,8 @@ def test_the_core_follows_the_reference(name):
     scenario = CATALOGUE[name].scenario(2, SHORT)
     expected, found = run(scenario), run(scenario, "golden")
     # The error of binary32 is far below the error of the estimate: 2 % of it, everywhere.
-    scale = expected.rms()
-    assert (np.abs(found.rms() - scale) < 0.02 * scale + 1e-6).all()
+    scale = judge(expected).rms
+    assert (np.abs(judge(found).rms - scale) < 0.02 * scale + 1e-6).all()
     assert np.isfinite(found.x).all()
 
 
@@ -132,8 +133,8 @@ def test_the_core_follows_the_reference(name):
 def test_beginnings_of_long_runs_converge(make, bounds):
     for seed in range(2):
         scenario, after = make(seed)
-        results = run(scenario)
-        assert (results.rms(after) < bounds).all(), results.rms(after)
+        judged = judge(run(scenario), after=after)
+        assert (judged.rms < bounds).all(), judged
 
 
 @pytest.mark.parametrize("name", ["pendulum", "battery", "gps-ins", "nanosat-2014-gaps"])
@@ -241,12 +242,12 @@ def test_ctrv_turns_on_a_circle_and_drives_straight():
 def test_ctrv_masked_is_padded():
     padded, masked = run(ctrv()), run(ctrv(lidar="masked"))
     # The padding says nothing, but its noise shares the sigma points: to third order.
-    np.testing.assert_allclose(masked.rms(), padded.rms(), rtol=1e-3)
+    np.testing.assert_allclose(judge(masked).rms, judge(padded).rms, rtol=1e-3)
     assert np.isnan(masked.scenario.measurements).any()
 
 
 def test_ctrv_passes_the_mark_of_its_authors():
-    assert (run(ctrv(), "golden").rms() < [0.09, 0.10, 0.40, 0.30]).all()
+    assert (judge(run(ctrv(), "golden")).rms < [0.09, 0.10, 0.40, 0.30]).all()
 
 
 def test_reentry_does_not_depend_on_the_origin():
@@ -466,18 +467,20 @@ def test_bounds_check_themselves():
 def test_errors_outside_of_their_bounds_are_found():
     entry = CATALOGUE["pendulum"]
     results = [run(entry.scenario(seed)) for seed in range(2)]
-    values = pooled(results)
-    verdict = entry.judge(results)[0]
-    assert verdict.value == values[0]
-    assert verdict.error == "angle"
-    for low, high in ((0.0, 0.9 * values[0]), (1.1 * values[0], 1.0)):
+    judged = judge(results)
+    angle = np.concatenate([result.errors[:, 0] for result in results])
+    value = np.sqrt(np.mean(angle**2))
+    verdict = judged.compare(entry.bounds)[0]
+    assert verdict.value == judged.rms[0] == pytest.approx(value)
+    assert (verdict.error, verdict.unit) == ("angle", "rad")
+    for low, high in ((0.0, 0.9 * value), (1.1 * value, 1.0)):
         bound = Bound(error="angle", low=low, high=high, origin="none")
-        assert not replace(entry, bounds=(bound,)).judge(results)[0].okay
+        assert not judged.compare([bound])[0].okay
     largest = Bound(error="angle", measure="maximum", high=9.0, origin="none")
-    expected = max(np.abs(result.errors[:, 0]).max() for result in results)
-    assert replace(entry, bounds=(largest,)).judge(results)[0].value == expected
-    with pytest.raises(ValueError, match=r"^results must hold at least one run, not \[\]$"):
-        entry.judge([])
+    assert judged.compare([largest])[0].value == np.abs(angle).max()
+    for other in (replace(largest, error="height"), replace(largest, measure="median")):
+        with pytest.raises(ValueError, match=r"^bound must be about the rms or maximum of angle, "):
+            judged.compare([other])
 
 
 def test_a_wrong_model_is_outside_of_the_bounds():
@@ -488,7 +491,7 @@ def test_a_wrong_model_is_outside_of_the_bounds():
         return np.array([x[0] + 0.01 * x[1], x[1] - 0.098 * 1.1 * np.sin(x[0])]) + w
 
     results = [run(replace(entry.scenario(seed), f=f)) for seed in range(entry.runs)]
-    assert not all(verdict.okay for verdict in entry.judge(results))
+    assert not all(verdict.okay for verdict in judge(results).compare(entry.bounds))
 
 
 def test_only_judged_steps_count():
@@ -496,11 +499,11 @@ def test_only_judged_steps_count():
     judged = np.zeros(50, dtype=bool)
     judged[10:20] = True
     results = run(replace(scenario, judged=judged))
-    np.testing.assert_array_equal(
-        results.rms(), np.sqrt(np.mean(results.errors[10:20] ** 2, axis=0))
-    )
-    np.testing.assert_array_equal(results.maximum(), np.abs(results.errors[10:20]).max(axis=0))
+    found = judge(results)
+    assert found.steps == 10
+    np.testing.assert_array_equal(found.rms, np.sqrt(np.mean(results.errors[10:20] ** 2, axis=0)))
+    np.testing.assert_array_equal(found.maximum, np.abs(results.errors[10:20]).max(axis=0))
     with pytest.raises(ValueError, match=r"^after must leave a step that is judged, not 0\.3$"):
-        results.rms(0.3)
+        judge(results, after=0.3)
     with pytest.raises(ValueError, match=r"^judged must have 50 steps, not 49$"):
         replace(scenario, judged=judged[1:])

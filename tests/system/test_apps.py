@@ -11,9 +11,10 @@ import pytest
 from support.swampsat_study import study_of
 from ukf_sw.errors import NotFiniteError
 from ukf_sw.problems import catalogue
+from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.sequence import Step
 from ukf_tools.cli import console
-from ukf_tools.evaluate import runner, swampsat
+from ukf_tools.evaluate import evaluation, swampsat
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def one_entry(monkeypatch):
 
     def one_entry(name, **changes):
         entry = replace(catalogue.CATALOGUE[name], **changes)
-        for module in (catalogue, runner):
+        for module in (catalogue, evaluation):
             monkeypatch.setattr(module, "CATALOGUE", {name: entry})
         return entry
 
@@ -108,7 +109,7 @@ def test_an_error_of_the_core_is_told(apps, monkeypatch):
     def broken(*arguments, **keywords):
         raise NotFiniteError(Step.PREDICT)
 
-    monkeypatch.setattr(runner, "run_scenario", broken)
+    monkeypatch.setattr(ReferenceUkf, "predict", broken)
     record = json.loads(apps("run", "ctrv", "--json", code=1).stdout)
     assert record["stopped"] == "reference, seed 0: NotFiniteError: PREDICT met NaN or infinity"
     assert not record["okay"]
@@ -138,22 +139,22 @@ def test_verilog_runs_every_application(apps, name):
 
 @pytest.mark.parametrize("name", list(catalogue.CATALOGUE))
 def test_co_simulations_have_updates(name):
-    scenario = catalogue.CATALOGUE[name].scenario(0, runner.COSIM_STEPS)
+    scenario = catalogue.CATALOGUE[name].scenario(0, evaluation.COSIM_STEPS)
     assert scenario.sampled is None or scenario.sampled.any()
 
 
 def test_entries_are_run_by_several_processes(tmp_path):
     names = ("ctrv", "ctrv-masked")
     one, two = (
-        list(runner.run_catalogue("reference", output=tmp_path / str(w), workers=w, names=names))
+        list(evaluation.evaluate_all("reference", output=tmp_path / str(w), workers=w, names=names))
         for w in (1, 2)
     )
-    assert [records[0]["name"] for records in two] == list(names)
-    for key in ("errors", "verdicts", "okay", "runs"):
-        assert [records[0][key] for records in one] == [records[0][key] for records in two]
+    assert [made[0].name for made in two] == list(names)
+    for key in ("judgement", "verdicts", "okay", "runs"):
+        assert [getattr(made[0], key) for made in one] == [getattr(made[0], key) for made in two]
     assert (tmp_path / "2" / "ctrv-reference.png").is_file()
     with pytest.raises(ValueError, match=r"^workers must be at least 1, not 0$"):
-        list(runner.run_catalogue(output=tmp_path, workers=0))
+        list(evaluation.evaluate_all(output=tmp_path, workers=0))
 
 
 @pytest.fixture
@@ -193,20 +194,20 @@ def test_figures_of_the_papers_are_drawn(apps, name, files):
 
 
 def test_studies_are_judged():
-    record = swampsat.study_record(study_of(1.05))
-    okay = {verdict["error"]: verdict["okay"] for verdict in record["verdicts"]}
+    made = swampsat.evaluate_study(study_of(1.05))
+    okay = {verdict.error: verdict.okay for verdict in made.verdicts}
     assert okay["5 s, EKF"]
     assert okay["5 s, UKF golden"]
     assert not okay["2 s, UKF golden"]
     assert not okay["latency 1 s, naive"]
-    assert record["judged"]
-    assert not record["okay"]
+    assert not made.okay
     # A filter that broke off is outside of any bound.
-    (verdict,) = (v for name, v in swampsat.judge(study_of(None)) if name == "5 s, EKF")
+    (verdict,) = (v for v in swampsat.compare(study_of(None)) if v.error == "5 s, EKF")
     assert not verdict.okay
-    short = swampsat.study_record(study_of() | {"duration_s": 40.0})
-    assert not short["judged"]
-    assert short["okay"]
+    assert verdict.as_dict()["value"] is None
+    short = swampsat.evaluate_study(study_of() | {"duration_s": 40.0})
+    assert short.verdicts is None
+    assert short.okay
 
 
 def test_study_has_an_exit_code(apps, tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
 from ukf_tools.baseline.costs import cost, rewrite

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ukf_sim.session import Job, cosimulate
+from ukf_sim.cosimulation import cosimulate
+from ukf_sim.session import Job, run_job
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.engine.microcode import microcode
-from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -29,40 +30,35 @@ DROPPED = [
 ]  # fmt: skip
 
 
-def run_problem(cache, params, *, configuration="nanosat", steps=3, P0=1.0, **options):
-    simulator = options.pop("simulator", Simulator.VERILATOR)
-    problem = Problem(configuration=configuration, params=params, P0=P0)
-    job = Job(
-        params=params,
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps},
-        **options,
-    )
-    return cosimulate(job, simulator, cache=cache, optimise=False)
+def run_core(cache, params, *, name="nanosat", steps=3, P0=1.0, **options):
+    recipe = Recipe(name=name, params=params, P0=P0)
+    return cosimulate(recipe.scenario, steps, cache=cache, optimise=False, **options)
 
 
-def check(result, params, steps, pipeline=None):
+def check(found, params, steps, pipeline=None):
     """Every word agreed, the run went through, and CYCLES read what the schedule says."""
-    assert result["mismatch"] is None
-    assert result["stopped"] is None
-    assert len(result["x"]) == steps
+    assert found.mismatch is None
+    assert found.run.stop is None
+    assert found.okay
+    assert found.run.steps == len(found.iterations) == steps
     expected = latency(params, pipeline or Pipeline())
-    assert result["first_cycles"] == {"INIT": expected["programs"]["INIT"]}
+    assert found.first_cycles == {"INIT": expected["programs"]["INIT"]}
     first = {"SIG_GEN": expected["programs"]["SIG_GEN"]}
-    assert result["cycles"][0] == expected["steps"] | first
-    assert all(cycles == expected["steps"] for cycles in result["cycles"][1:])
+    assert found.iterations[0].cycles == expected["steps"] | first
+    assert all(each.cycles == expected["steps"] for each in found.iterations[1:])
 
 
 @pytest.mark.parametrize("interrupt", [True, False])
 @pytest.mark.parametrize(("form", "P0"), [(Form.SQUARE_ROOT, 1.0), (Form.COVARIANCE, 1e-4)])
 def test_nanosat(core_cache, form, P0, interrupt):
     params = replace(NANOSAT, pes=2, form=form)
-    result = run_problem(core_cache, params, P0=P0, interrupt=interrupt).result
-    check(result, params, 3)
+    found = run_core(core_cache, params, P0=P0, interrupt=interrupt)
+    check(found, params, 3)
     # What design and papers count: 63 + 7 words read, 154 + 132 + 6 written.
-    for traffic in result["traffic"]:
-        assert (traffic["words_read"], traffic["words_written"]) == (70, 292)
-    assert result["words_compared"] > 3 * (2 * 7 * 22 + 7 * 7)
+    for each in found.iterations:
+        assert (each.traffic.words_read, each.traffic.words_written) == (70, 292)
+    assert np.isfinite(found.run.P).all()
+    assert found.words_compared > 3 * (2 * 7 * 22 + 7 * 7)
 
 
 def test_covariance_form_stops_at_first_bad_pivot(core_cache):
@@ -71,40 +67,39 @@ def test_covariance_form_stops_at_first_bad_pivot(core_cache):
     Which pivot is the first bad one is a matter of rounding, so the model says it.
     """
     params = replace(NANOSAT, pes=2, form=Form.COVARIANCE)
-    result = run_problem(
-        core_cache, params, configuration="nanosat-2014", steps=20, P0=100.0
-    ).result
-    assert result["mismatch"] is None
-    assert result["stopped"]["error"] in ("SINGULAR_OBSERVATION", "NOT_POSITIVE_DEFINITE")
-    assert result["stopped"]["code"] in (3, 4)
-    assert np.isfinite(result["last_x"]).all()
-    assert np.isfinite(result["x"]).all()
+    found = run_core(core_cache, params, name="nanosat-2014", steps=20, P0=100.0)
+    assert found.mismatch is None
+    assert not found.okay
+    stop = found.run.stop
+    assert stop.error in ("SINGULAR_OBSERVATION", "NOT_POSITIVE_DEFINITE")
+    assert stop.code in (3, 4)
+    assert stop.iteration == found.run.steps < 20
+    assert np.isfinite(found.run.last_x).all()
+    assert np.isfinite(found.run.x).all()
+    assert found.run.P is None
 
 
 def test_bus_latency(core_cache):
     """The 2018 paper's bus: 15.6 clocks a word on average, whatever the core would allow."""
     params = replace(NANOSAT, pes=2)
-    result = run_problem(core_cache, params, steps=2, word_clocks=15.6).result
-    check(result, params, 2)
-    for clocks in result["clocks"]:
-        assert clocks["bus"] / clocks["words"] == pytest.approx(15.6, abs=0.02)
-        assert clocks["iteration"] >= clocks["bus"] + result["cycles"][-1]["UPDATE"]
+    found = run_core(core_cache, params, steps=2, word_clocks=15.6)
+    check(found, params, 2)
+    for each in found.iterations:
+        assert each.bus_clocks / each.bus_words == pytest.approx(15.6, abs=0.02)
+        assert each.clocks >= each.bus_clocks + found.cycles["UPDATE"]
 
 
 def test_additive_noise(core_cache):
-    result = run_problem(
-        core_cache, replace(NANOSAT_ADDITIVE, pes=3), configuration="nanosat-additive", steps=2
-    ).result
-    check(result, replace(NANOSAT_ADDITIVE, pes=3), 2)
-    traffic = result["traffic"][-1]
-    assert traffic["words_read"] + traffic["words_written"] == 193
+    params = replace(NANOSAT_ADDITIVE, pes=3)
+    found = run_core(core_cache, params, name="nanosat-additive", steps=2)
+    check(found, params, 2)
+    assert found.traffic.words == 193
 
 
 def test_icarus(core_cache, icarus):
     """A second opinion on the Verilog."""
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
-    result = run_problem(core_cache, params, configuration=None, steps=3, simulator=icarus).result
-    check(result, params, 3)
+    check(run_core(core_cache, params, name=None, simulator=icarus), params, 3)
 
 
 def test_icarus_does_everything(core_cache, icarus):
@@ -114,7 +109,7 @@ def test_icarus_does_everything(core_cache, icarus):
         task="support.random_lockstep:all_at_random",
         arguments={"seed": 1, "rounds": 12},
     )
-    check_counts(cosimulate(job, icarus, cache=core_cache).result, params)
+    check_counts(run_job(job, icarus, cache=core_cache).value, params)
 
 
 def random_core(seed):
@@ -178,7 +173,7 @@ def do_everything(cache, seed, rounds):
         arguments={"seed": seed, "rounds": rounds},
         interrupt=bool(seed % 3),
     )
-    check_counts(cosimulate(job, cache=cache, optimise=False).result, params)
+    check_counts(run_job(job, cache=cache, optimise=False).value, params)
 
 
 # Both forms, and each format once or twice.
@@ -195,25 +190,20 @@ def test_random_cores(core_cache, seed):
 
 def test_second_run_does_not_compile(tmp_path):
     params = UkfParams(n=1, m=1)
-    runs = [
-        run_problem(tmp_path, params, configuration=None, steps=2, simulator=Simulator.VERILATOR)
-        for _ in range(2)
-    ]
-    assert [run.build.compiled for run in runs] == [True, False]
-    assert runs[0].build.folder == runs[1].build.folder
-    np.testing.assert_array_equal(runs[0].result["x"], runs[1].result["x"])
+    found = [run_core(tmp_path, params, name=None, steps=2) for _ in range(2)]
+    assert [each.build.compiled for each in found] == [True, False]
+    assert found[0].build.folder == found[1].build.folder
+    np.testing.assert_array_equal(found[0].run.x, found[1].run.x)
 
 
 def test_pipeline_changes_cycles_only(core_cache):
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
     deep = Pipeline(multiply=5, add=6, reciprocal_sqrt=12)
-    results = []
+    found = []
     for pipeline in (Pipeline(), deep):
-        results.append(
-            run_problem(core_cache, params, configuration=None, pipeline=pipeline).result
-        )
-        check(results[-1], params, 3, pipeline)
-    np.testing.assert_array_equal(results[0]["x"], results[1]["x"])
+        found.append(run_core(core_cache, params, name=None, pipeline=pipeline))
+        check(found[-1], params, 3, pipeline)
+    np.testing.assert_array_equal(found[0].run.x, found[1].run.x)
     assert latency(params, deep)["total"] > latency(params, Pipeline())["total"]
 
 
@@ -222,7 +212,7 @@ def test_a_difference_is_found(core_cache):
     params = UkfParams(n=2, m=1, q=1, r=1, pes=2)
     job = Job(params=params, task="support.random_lockstep:change_model", arguments={})
     with pytest.raises(SimulatorError, match=r"MismatchError: .* of the core is .* golden model"):
-        cosimulate(job, cache=core_cache, optimise=False)
+        run_job(job, cache=core_cache, optimise=False)
 
 
 def test_wrong_verilog_is_reported(tmp_path):
@@ -242,7 +232,7 @@ def test_module_without_tests_is_reported(core_cache, tmp_path):
     generate(UkfParams(n=1, m=1), None, tmp_path)
     compiled = build(tmp_path / f"{NAME}.v", NAME, Simulator.VERILATOR, core_cache)
     with pytest.raises(SimulatorError, match=r"cocotb|[Nn]o test"):
-        run_cocotb(compiled, "ukf_tools.evaluate.cosimulation_record", tmp_path / "run")
+        run_cocotb(compiled, "ukf_sim.session", tmp_path / "run")
 
 
 def test_missing_simulator_is_reported(monkeypatch, tmp_path):

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sw.problems.configurations import CONFIGURATIONS
-from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.float_format import BINARY16, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_tools.design_space import parts as parts_module
 from ukf_tools.design_space import sources
-from ukf_tools.design_space.accuracy import Application
 from ukf_tools.design_space.cache import Cache, key_of
 from ukf_tools.design_space.executors import (
     ClusterExecutor,
@@ -235,7 +234,7 @@ def test_grid_needs_something_of_everything():
     "params",
     [
         NANOSAT,
-        CONFIGURATIONS["nanosat-additive"].params,
+        NANOSAT_ADDITIVE,
         UkfParams(n=1, m=1),
         UkfParams(n=3, m=2, q=2, r=2, observation_noise=Noise.ADDITIVE, format=BINARY64),
     ],
@@ -259,13 +258,14 @@ def test_parts_know_what_they_depend_on():
     assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
     assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, format=BINARY16))
     assert Traffic.of(SMALL).key != Traffic.of(replace(SMALL, format=BINARY64)).key
-    application = Application(name="nanosat", steps=10)
-    accuracy = Accuracy(application=application, params=NANOSAT)
-    assert accuracy.key != replace(accuracy, params=replace(NANOSAT, pes=2)).key
-    assert accuracy.key != replace(accuracy, application=replace(application, seed=1)).key
-    assert accuracy.key != Reference.of(application, NANOSAT).key or accuracy.kind != "reference"
-    wide = replace(NANOSAT, pes=2, format=BINARY16)
-    assert Reference.of(application, wide) == Reference.of(application, NANOSAT)
+    recipe = Recipe.of("nanosat")
+    accuracy = Accuracy(recipe=recipe, steps=10)
+    assert accuracy.key != replace(accuracy, recipe=Recipe.of("nanosat", pes=2)).key
+    assert accuracy.key != replace(accuracy, recipe=replace(recipe, seed=1)).key
+    assert accuracy.key != replace(accuracy, steps=11).key
+    assert accuracy.key != Reference.of(recipe, 10).key or accuracy.kind != "reference"
+    wide = Recipe.of("nanosat", pes=2, format=BINARY16)
+    assert Reference.of(wide, 10) == Reference.of(recipe, 10)
 
 
 def test_format_of_other_widths_is_another_part():
@@ -280,10 +280,9 @@ def test_format_of_other_widths_is_another_part():
 
 
 def test_accuracy_is_that_of_the_runs(cache):
-    application = Application(name="pendulum", steps=200)
-    params = application.scenario().params
-    golden = find(Accuracy(application=application, params=params), cache)
-    reference = find(Reference.of(application, params), cache)
+    recipe = Recipe.of("pendulum")
+    golden = find(Accuracy(recipe=recipe, steps=200), cache)
+    reference = find(Reference.of(recipe, 200), cache)
     assert golden["names"] == reference["names"] == ["angle", "rate"]
     assert golden["rms"] == pytest.approx(reference["rms"], rel=1e-3)
     assert golden["rms"] != reference["rms"]
@@ -291,9 +290,8 @@ def test_accuracy_is_that_of_the_runs(cache):
 
 
 def test_accuracy_says_what_stopped_a_run():
-    application = Application(name="nanosat-2014", steps=5)
-    params = replace(NANOSAT, pes=10, form=Form.COVARIANCE, format=BINARY16)
-    found = Accuracy(application=application, params=params).compute()
+    recipe = Recipe.of("nanosat-2014", pes=10, form=Form.COVARIANCE, format=BINARY16)
+    found = Accuracy(recipe=recipe, steps=5).compute()
     assert found["rms"] is None
     assert found["steps"] < 5
     assert found["stopped"]["error"] in ("NOT_POSITIVE_DEFINITE", "SINGULAR_OBSERVATION")
@@ -302,18 +300,13 @@ def test_accuracy_says_what_stopped_a_run():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"name": "moon"}, "^application must be one of nanosat, .*, not 'moon'$"),
-        ({"name": "nanosat", "steps": 0}, "^steps must be at least 1, not 0$"),
+        ({"application": "moon"}, "^application must be one of nanosat, .*, not 'moon'$"),
+        ({"application": "nanosat", "steps": 0}, "^steps must be at least 1, not 0$"),
     ],
 )
 def test_bad_application(arguments, message):
     with pytest.raises(ValueError, match=message):
-        Application(**arguments)
-
-
-def test_application_wants_its_sizes():
-    with pytest.raises(ValueError, match=r"^the core must have the sizes of nanosat, "):
-        Accuracy(application=Application(name="nanosat", steps=1), params=SMALL).compute()
+        Questions(**arguments)
 
 
 @pytest.mark.parametrize(
@@ -431,10 +424,9 @@ def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys, 
 
 
 def test_accuracy_in_a_sweep(cache):
-    application = Application(name="nanosat", steps=20)
     points = grid([Point.of(Core(params=NANOSAT)), Point.of(Core(params=SMALL))], pes=(4,))
     judged, other = sweep(
-        points, Questions(resources=False, application=application), cache, Here()
+        points, Questions(resources=False, application="nanosat", steps=20), cache, Here()
     ).rows
     assert judged["application"] == "nanosat"
     assert judged["error_name"] == "attitude"

@@ -10,8 +10,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ukf_sim.scenarios import cosimulate_scenario
-from ukf_sw.problems.scenario import Scenario, run
+from ukf_sim.cosimulation import cosimulate
+from ukf_sw.problems.running import run
+from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.spec.parameters import Noise, UkfParams
 from ukf_tools.new.project import TEMPLATES, check_name
@@ -113,13 +114,13 @@ def test_sizes_are_checked(new, tmp_path, options, message):
 
 def test_scenarios_must_be_found_by_the_simulator():
     with pytest.raises(ValueError, match=r"^make must be a function at the top level of a module"):
-        cosimulate_scenario(lambda steps: pendulum(steps=steps), 3)
+        cosimulate(lambda steps: pendulum(steps=steps), 3)
     with pytest.raises(ValueError, match=r"^steps must be between 1 and 3, not 4"):
-        cosimulate_scenario(three_steps, 4)
+        cosimulate(three_steps, 4)
     program = (
-        "from ukf_sim.scenarios import cosimulate_scenario\n"
+        "from ukf_sim.cosimulation import cosimulate\n"
         "def make(steps): return None\n"
-        "cosimulate_scenario(make, 3)"
+        "cosimulate(make, 3)"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False

@@ -13,7 +13,7 @@ from support.stub_engine import StubEngine
 from ukf_hdl.packaging.boards import BOARDS
 from ukf_hdl.packaging.package import BASE, package
 from ukf_sim.testbench import record, write
-from ukf_sw.problems.configurations import Problem
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.float_format import BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
@@ -228,7 +228,7 @@ def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
 
 
 def test_testbench_has_the_whole_filter():
-    accesses = record(Problem(params=TINY), 3)
+    accesses = record(Recipe(params=TINY), 3)
     kinds = [what for what, _, _ in accesses]
     # INIT, three iterations of three steps, COVARIANCE.
     assert kinds.count(3) == 1 + 3 * 3 + 1
@@ -242,7 +242,7 @@ def test_testbench_runs_in_icarus(broken, tmp_path):
     from ukf_hdl.generate import generate
 
     generate(TINY, None, tmp_path)
-    _, vectors = write(Problem(params=TINY), 1, tmp_path)
+    _, vectors = write(Recipe(params=TINY), 1, tmp_path)
     lines = vectors.read_text().splitlines()
     last = max(k for k, line in enumerate(lines) if line.startswith("02"))
     if broken:  # one bit of the last word that is read

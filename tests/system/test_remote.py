@@ -8,8 +8,8 @@ from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
-from ukf_sw.problems.configurations import random_scenario
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.running import run
+from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import ID, INTERRUPT_PENDING

@@ -31,7 +31,7 @@ DATA = {
 #: Modules that are named and not imported: by an entry point, by cocotb, by users.
 ROOTS = (
     "ukf_tools.__main__", "ukf_tools.cli", "ukf_sim.remote", "ukf_sim.simulator_side",
-    "ukf_sim.scenarios", "ukf_sim.tasks", "ukf_sw.board", "ukf_sw.filter",
+    "ukf_sim.cosimulation", "ukf_sw.board", "ukf_sw.filter",
 )  # fmt: skip
 #: Modules that come with a module of the table of extras, or that a board has.
 ALSO = {"numpy", "amaranth_soc", "cocotbext", "pynq"}

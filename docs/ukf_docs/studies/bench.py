@@ -22,8 +22,8 @@ import numpy as np
 from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
-from ukf_sw.problems.configurations import Problem
-from ukf_sw.problems.judging import make_backend, run_problem
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
@@ -127,16 +127,12 @@ def _seconds(work: Callable[[], Any], repeats: int = 3) -> float:
 
 def _models(steps: int) -> dict[str, float]:
     """Golden model, reference and filterpy on the same data, in iterations a second."""
-    params = replace(NANOSAT, pes=PES)
-    problem = Problem(configuration="nanosat", params=params)
-    scenario = problem.scenario(steps)
+    scenario = Recipe.of("nanosat", pes=PES).scenario(steps)
     rates: dict[str, float] = {}
     for name in ("golden", "reference"):
         # The first run compiles.
-        run_problem(make_backend(name, problem), scenario, min(steps, 5))
-        rates[name] = steps / _seconds(
-            lambda name=name: run_problem(make_backend(name, problem), scenario, steps)
-        )
+        run(scenario, name, steps=min(steps, 5))
+        rates[name] = steps / _seconds(lambda name=name: run(scenario, name))
     rates["filterpy"] = steps / _seconds(lambda: run_filterpy(scenario, steps))
     rates["golden_to_filterpy"] = rates["golden"] / rates["filterpy"]
     return rates
@@ -168,24 +164,15 @@ def _first_step(repeats: int = 5) -> dict[str, float]:
 
 def _cosimulation(steps: int) -> dict[str, float]:
     """Co-simulation in lockstep with the golden model."""
-    from ukf_sim.session import Job, cosimulate
-    from ukf_sim.simulators import Simulator
+    from ukf_sim.cosimulation import cosimulate
 
-    params = replace(NANOSAT, pes=PES)
-    problem = Problem(configuration="nanosat", params=params)
-    job = Job(
-        params=params,
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps},
-    )
-    outcome = cosimulate(job, Simulator.VERILATOR)
-    result = outcome.result
-    if result["mismatch"] is not None:
-        raise RuntimeError(f"the core must be as the golden model, not: {result['mismatch']}")
-    clocks = sum(entry["iteration"] for entry in result["clocks"])
+    found = cosimulate(Recipe.of("nanosat", pes=PES).scenario, steps)
+    if found.mismatch is not None:
+        raise RuntimeError(f"the core must be as the golden model, not: {found.mismatch}")
+    clocks = sum(each.clocks for each in found.iterations)
     return {
-        "iterations_per_second": steps / result["seconds"],
-        "clocks_per_second": clocks / result["seconds"],
+        "iterations_per_second": steps / found.seconds,
+        "clocks_per_second": clocks / found.seconds,
     }
 
 

@@ -8,9 +8,10 @@ from typing import Any
 from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
-from ukf_sim.session import CACHE, Job, cosimulate
-from ukf_sim.simulators import Simulator
-from ukf_sw.problems.configurations import CONFIGURATIONS, Problem
+from ukf_sim.cosimulation import cosimulate
+from ukf_sim.session import CACHE
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.estimate.latency import latency
 
@@ -89,28 +90,22 @@ def measure_traffic(
     SimulatorError
         If the simulator is not installed or fails.
     """
-    params = replace(CONFIGURATIONS[name].params, pes=pes)
-    job = Job(
-        params=params,
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": Problem(configuration=name, params=params), "steps": STEPS},
-        word_clocks=BUS_CLOCKS,
-    )
     tell = progress or (lambda what: None)
-    outcome = cosimulate(
-        job, Simulator.VERILATOR, cache=cache, progress=lambda phase, done: tell(f"{name}: {phase}")
-    )
-    found = outcome.result
-    if found["mismatch"] is not None or found["stopped"] is not None:
-        raise RuntimeError(f"{name}: {found['mismatch'] or found['stopped']}")
-    traffic, clocks = found["traffic"][-1], found["clocks"][-1]
+    found = cosimulate(
+        Recipe.of(name, pes=pes).scenario, STEPS, word_clocks=BUS_CLOCKS, cache=cache,
+        progress=lambda phase, done: tell(f"{name}: {phase}"),
+    )  # fmt: skip
+    stop = found.run.stop
+    if found.mismatch is not None or stop is not None:
+        raise RuntimeError(f"{name}: {found.mismatch or (stop and stop.message)}")
+    last = found.iterations[-1]
     # The driver reads the cycles of both steps only to check them here.
-    checks = sum(step in found["cycles"][-1] for step in ("PREDICT", "UPDATE", "SIG_GEN"))
+    checks = sum(step in last.cycles for step in ("PREDICT", "UPDATE", "SIG_GEN"))
     return Traffic(
-        words=traffic["words_read"] + traffic["words_written"],
-        control=traffic["control_reads"] + traffic["control_writes"] - checks,
-        clocks=clocks["iteration"],
-        cycles=sum(found["cycles"][-1].values()),
+        words=last.traffic.words,
+        control=last.traffic.control_reads + last.traffic.control_writes - checks,
+        clocks=last.clocks,
+        cycles=sum(last.cycles.values()),
         pes=pes,
     )
 
@@ -137,7 +132,7 @@ def _table(record: dict[str, dict[str, Any]]) -> str:
     measured = load(record)
     us = "{:.1f}".format
     schedule = {
-        name: [latency(replace(CONFIGURATIONS[name].params, pes=pes), Pipeline()) for pes in PES]
+        name: [latency(replace(CATALOGUE[name].params, pes=pes), Pipeline()) for pes in PES]
         for name in measured
     }
     ours = {

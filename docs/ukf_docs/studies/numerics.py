@@ -2,20 +2,19 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
-
-import numpy as np
 
 from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
-from ukf_sw.errors import StepError, UkfError
-from ukf_sw.problems.catalogue import CATALOGUE
-from ukf_sw.problems.judging import iterate
-from ukf_sw.problems.scenario import Scenario, run
+from ukf_sw.errors import UkfError
+from ukf_sw.problems.catalogue import CATALOGUE, find
+from ukf_sw.problems.judging import judge
+from ukf_sw.problems.running import Run, Stop, run
+from ukf_sw.problems.scenario import Scenario
 from ukf_sw.spec.float_format import FORMATS
 from ukf_sw.spec.parameters import Form
-from ukf_tools.evaluate.runner import find
 
 __all__ = ["STUDY", "Measurement", "measure", "measure_formats", "measure_weights"]
 
@@ -53,72 +52,62 @@ class Measurement:
         return f"{self.ratio:.3g}" if self.ratio < 1e3 else f"{self.ratio:.0e}"
 
 
-def _brief(error: Exception) -> str:
+def _brief(stop: Stop) -> str:
     """Name an error in a few words."""
-    if isinstance(error, StepError):
-        kind = type(error).__name__.removesuffix("Error")
-        index = getattr(error, "index", None)
-        return f"{error.step.name} {kind}" + ("" if index is None else f" {index}")
-    return "model not finite" if isinstance(error, ValueError) else type(error).__name__
+    if stop.step is not None:
+        kind = stop.kind.__name__.removesuffix("Error")
+        return f"{stop.step} {kind}" + ("" if stop.index is None else f" {stop.index}")
+    return "model not finite" if stop.kind is ValueError else stop.kind.__name__
 
 
-def _measure(scenario: Scenario, backend: str, expected: np.ndarray, settled: float) -> Measurement:
+def _measure(scenario: Scenario, backend: str, expected: Run) -> Measurement:
     """Run a filter up to its first error."""
-    stopped = None
-    estimates: list[np.ndarray] = []
-    try:
-        ukf = scenario.filter(backend)
-        estimates.extend(ukf.x for _ in iterate(ukf, scenario, scenario.steps))
-    except (UkfError, ValueError) as error:
-        stopped = _brief(error)
-    done = len(estimates)
-    if not done:
-        return Measurement(rms=np.nan, ratio=np.nan, steps=0, stopped=stopped)
-    errors = scenario.error(np.array(estimates), scenario.truth[:done])[:, 0]
-    chosen = scenario.times[:done] > settled
-    if scenario.judged is not None:
-        chosen &= scenario.judged[:done]
-    if not chosen.any():
-        chosen[:] = True
-    rms = float(np.sqrt(np.nanmean(errors[chosen] ** 2)))
-    other = float(np.sqrt(np.nanmean(expected[:done][chosen] ** 2)))
-    return Measurement(rms=rms, ratio=rms / other, steps=done, stopped=stopped)
+    found = run(scenario, backend, ends_at=(UkfError, ValueError))
+    stopped = None if found.stop is None else _brief(found.stop)
+    judged = judge(found, expected)
+    return Measurement(
+        rms=judged.errors[0].rms if judged.errors else nan,
+        ratio=nan if judged.rms_ratio is None else judged.rms_ratio,
+        steps=found.steps,
+        stopped=stopped,
+    )
 
 
-def _prepare(name: str, steps: int) -> tuple[Scenario, np.ndarray, float]:
-    """Make a scenario, the reference's errors, and the time from which on they count."""
+def _prepare(name: str, steps: int) -> Run:
+    """Run the reference on the beginning of a scenario."""
     entry = find(name)
     try:
         scenario = entry.scenario(0, steps)
     except ValueError:  # it has fewer
         scenario = entry.scenario(0)
-    settled = entry.settled if scenario.times[-1] > entry.settled else -np.inf
-    return scenario, run(scenario).errors[:, 0], settled
+    return run(scenario)
 
 
 def measure_formats(
     name: str, steps: int = STEPS, *, W0: float = 0.0
 ) -> dict[tuple[Form, str], Measurement]:
     """Measure every form in every format on the beginning of an application."""
-    scenario, expected, settled = _prepare(name, steps)
+    expected = _prepare(name, steps)
+    scenario = expected.scenario
     measured = {}
     for form in Form:
         for format_name in FORMAT_NAMES:
             params = replace(scenario.params, form=form, format=FORMATS[format_name], W0=W0)
             made = replace(scenario, params=params)
-            measured[form, format_name] = _measure(made, "golden", expected, settled)
+            measured[form, format_name] = _measure(made, "golden", expected)
     return measured
 
 
 def measure_weights(name: str, steps: int = STEPS) -> dict[float, tuple[Measurement, Measurement]]:
     """Measure some W0: the float64 reference, and the core in binary32, square-root form."""
-    scenario, expected, settled = _prepare(name, steps)
+    expected = _prepare(name, steps)
+    scenario = expected.scenario
     measured = {}
     for W0 in WEIGHTS:
         made = replace(scenario, params=replace(scenario.params, W0=W0))
         measured[W0] = (
-            _measure(made, "reference", expected, settled),
-            _measure(made, "golden", expected, settled),
+            _measure(made, "reference", expected),
+            _measure(made, "golden", expected),
         )
     return measured
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ukf_hdl.generate import NAME, generate
 from ukf_sim.builds import EXECUTABLE, Build, build_executable
@@ -28,6 +29,8 @@ from ukf_sim.c_in_the_loop.compiler import (
 )
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
@@ -80,24 +83,17 @@ def golden_results(scenario: Scenario, steps: int, *, covariances: bool = False)
     covariances
         Whether the results have the covariance of each step.
     """
-    p = scenario.params
-    ukf = scenario.filter("golden")
-    x = np.empty((steps, p.n))
-    nis = np.full(steps, np.nan)
-    gated = np.zeros(steps, dtype=np.bool_)
-    P = np.empty((steps, p.n, p.n)) if covariances else None
-    for k in range(steps):
-        ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
-        mask = None if scenario.sampled is None else scenario.sampled[k]
-        if mask is None or mask.any():
-            ukf.update(scenario.measurements[k], mask)
-            nis[k], gated[k] = ukf.nis, ukf.gated
-        if P is not None:
-            P[k] = ukf.P
-        x[k] = ukf.x
+    each: list[NDArray[np.float64]] = []
+
+    def note(done: int, ukf: UnscentedKalmanFilter) -> None:
+        if covariances and done:
+            each.append(ukf.P)
+
+    found = run(scenario, "golden", steps=steps, covariance=True, after_step=note)
     return CResults(
-        x=x, nis=nis, results=np.zeros(steps, np.uint32), gated=gated, P=ukf.P, covariances=P
-    )
+        x=found.x, nis=found.nis, results=np.zeros(steps, np.uint32), gated=found.gated, P=found.P,
+        covariances=np.array(each) if covariances else None,
+    )  # fmt: skip
 
 
 def first_difference(found: CResults, expected: CResults) -> str | None:

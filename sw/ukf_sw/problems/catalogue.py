@@ -3,102 +3,40 @@
 ::
 
     from ukf_sw.problems.catalogue import CATALOGUE
+    from ukf_sw.problems.judging import judge
+    from ukf_sw.problems.running import run
 
     entry = CATALOGUE["pendulum"]
-    results = [run(entry.scenario(seed), "golden") for seed in range(entry.runs)]
-    for verdict in entry.judge(results):
+    runs = [run(entry.scenario(seed), "golden") for seed in range(entry.runs)]
+    for verdict in judge(runs).compare(entry.bounds):
         print(verdict.error, verdict.value, verdict.okay)
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import hypot, isfinite, sqrt
-from typing import Literal
+from math import hypot, sqrt
 
-import numpy as np
-from numpy.typing import NDArray
+from ukf_sw.problems.judging import Bound, Measure
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problems.systems.battery import BATTERY, battery
+from ukf_sw.problems.systems.ctrv import CTRV, ctrv
+from ukf_sw.problems.systems.gps_ins import GPS_INS, gps_ins
+from ukf_sw.problems.systems.nanosat import (
+    NANOSAT,
+    NANOSAT_ADDITIVE,
+    nanosat,
+    nanosat_2014,
+    nanosat_2014_rates,
+)
+from ukf_sw.problems.systems.pendulum import PENDULUM, pendulum
+from ukf_sw.problems.systems.recorded_imu import RECORDED_IMU, recorded_imu
+from ukf_sw.problems.systems.recorded_odometry import ODOMETRY, recorded_odometry
+from ukf_sw.problems.systems.reentry import REENTRY, reentry
+from ukf_sw.problems.systems.swampsat.ukf import SWAMPSAT
+from ukf_sw.spec.fields import parameters_of
+from ukf_sw.spec.parameters import Noise, UkfParams
 
-from ukf_sw.problems.scenario import Results, Scenario
-from ukf_sw.problems.systems.battery import battery
-from ukf_sw.problems.systems.ctrv import ctrv
-from ukf_sw.problems.systems.gps_ins import gps_ins
-from ukf_sw.problems.systems.nanosat import nanosat, nanosat_2014, nanosat_2014_rates
-from ukf_sw.problems.systems.pendulum import pendulum
-from ukf_sw.problems.systems.recorded_imu import recorded_imu
-from ukf_sw.problems.systems.recorded_odometry import recorded_odometry
-from ukf_sw.problems.systems.reentry import reentry
-
-__all__ = ["CATALOGUE", "SWAMPSAT_STUDY", "Bound", "Entry", "Verdict", "pooled"]
-
-Array = NDArray[np.float64]
-#: What a bound is about.
-Measure = Literal["rms", "maximum", "median", "diverged"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bound:
-    """What an error of an entry must be, with the reason.
-
-    Parameters
-    ----------
-    error
-        Name of the error in the scenario.
-    measure
-        Root mean square, or largest magnitude; of the study of SwampSat the median over the flights
-        of their root mean squares, or the number of flights that diverged.
-    low, high
-        Limits, in the unit of the error. An error below what the noise allows is a mistake, too.
-    reference
-        Value that an independent float64 filter had, or None.
-    origin
-        Where reference and limits come from.
-
-    Raises
-    ------
-    ValueError
-        If the limits are not in order, or the reference is not within them.
-    """
-
-    error: str
-    measure: Measure = "rms"
-    low: float = 0.0
-    high: float
-    reference: float | None = None
-    origin: str
-
-    def __post_init__(self) -> None:
-        if not (isfinite(self.high) and 0.0 <= self.low < self.high):
-            raise ValueError(f"high must be more than low, {self.low!r}, not {self.high!r}")
-        if self.reference is not None and not self.low <= self.reference <= self.high:
-            raise ValueError(
-                f"reference must be between {self.low!r} and {self.high!r}, not {self.reference!r}"
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """An error of a run beside its bound.
-
-    Parameters
-    ----------
-    bound
-        The bound.
-    value
-        What the error was, in the unit of the error.
-    """
-
-    bound: Bound
-    value: float
-
-    @property
-    def error(self) -> str:
-        """Name of the error."""
-        return self.bound.error
-
-    @property
-    def okay(self) -> bool:
-        """Whether the error is within its bound; NaN is not."""
-        return self.bound.low <= self.value <= self.bound.high
+__all__ = ["CATALOGUE", "SWAMPSAT_STUDY", "Entry", "find"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,13 +51,13 @@ class Entry:
         What it is, in a line.
     source
         Where the problem comes from.
+    params
+        Sizes and kinds of noise of its core.
     factory
         Makes the scenario: ``factory(seed, steps)``, where None is all steps. Records have no seed
         and disregard it.
     bounds
         Expected errors, of whole runs with any seed.
-    settled
-        Time from which on errors are judged, in s.
     runs
         Number of runs, with seeds that follow each other, that are judged together.
     """
@@ -127,9 +65,9 @@ class Entry:
     name: str
     doc: str
     source: str
+    params: UkfParams
     factory: Callable[[int, int | None], Scenario]
     bounds: tuple[Bound, ...]
-    settled: float = float("-inf")
     runs: int = 1
 
     def scenario(self, seed: int = 0, steps: int | None = None) -> Scenario:
@@ -146,38 +84,18 @@ class Entry:
         ------
         ValueError
             If the scenario does not have as many steps.
+        MissingExtraError
+            If it needs packages that are not installed.
         """
         return self.factory(seed, steps)
 
-    def judge(self, results: Sequence[Results]) -> tuple[Verdict, ...]:
-        """Compare whole runs with the bounds.
-
-        Parameters
-        ----------
-        results
-            Results of each run.
-
-        Raises
-        ------
-        ValueError
-            If there is none, or a bound is about an error that the scenario does not have.
-        """
-        if not results:
-            raise ValueError(f"results must hold at least one run, not {results!r}")
-        names = results[0].scenario.error_names
-        measured: dict[str, Array] = {
-            "rms": pooled(results, self.settled),
-            "maximum": np.max([result.maximum(self.settled) for result in results], axis=0),
-        }
-        return tuple(
-            Verdict(bound=bound, value=float(measured[bound.measure][names.index(bound.error)]))
-            for bound in self.bounds
+    def fits(self, params: UkfParams) -> bool:
+        """Whether a core has the sizes and the kinds of noise of this system."""
+        return all(
+            getattr(params, entry.name) == getattr(self.params, entry.name)
+            for entry in parameters_of(UkfParams).values()
+            if entry.meaning.problem
         )
-
-
-def pooled(results: Sequence[Results], after: float = float("-inf")) -> Array:
-    """Root mean square of each error over several runs, each of the same weight, shape (e,)."""
-    return np.sqrt(np.mean([result.rms(after) ** 2 for result in results], axis=0))
 
 
 def _swampsat(seed: int, steps: int | None) -> Scenario:
@@ -185,7 +103,7 @@ def _swampsat(seed: int, steps: int | None) -> Scenario:
 
     Raises
     ------
-    ModuleNotFoundError
+    MissingExtraError
         If the packages of the extra ``apps`` are not installed.
     """
     # Not above: only this system needs packages that are not there by default.
@@ -211,6 +129,7 @@ def _around(
 _SAME = "independent float64 filter on the same data; binary32 agrees to three digits"
 _TEN = "independent float64 filter, 10 seeds of 100 s, P0 = I; one seed scatters by a third or less"
 _WORST = "largest of 10 seeds of the independent float64 filter"
+_AUGMENTED = "as with augmented noise, whose terms are small enough to enter in either way"
 _SEEDS = "independent float64 filter, other seeds of the noise"
 _SLOWER = (
     "independent float64 filter: .024 degrees with everything at 1 kHz, .079 at 100 Hz; with the "
@@ -232,8 +151,8 @@ _ENTRIES = (
         name="nanosat",
         doc="Nanosatellite, slow tumbling: attitude from gyroscope and two vectors, M = 20.",
         source="Soh and Wu 2018",
+        params=NANOSAT,
         factory=lambda seed, steps: nanosat(seed, steps=steps),
-        settled=1.0,
         bounds=(
             _around("x", 0.010, 0.4, _TEN),
             _around("y", 0.008, 0.4, _TEN),
@@ -242,11 +161,24 @@ _ENTRIES = (
         ),
     ),
     Entry(
+        name="nanosat-additive",
+        doc="nanosat with additive noise, M = 7: fewer sigma points, as accurate.",
+        source="Soh and Wu 2018",
+        params=NANOSAT_ADDITIVE,
+        factory=lambda seed, steps: nanosat(seed, noise=Noise.ADDITIVE, steps=steps),
+        bounds=(
+            Bound(error="x", low=0.006, high=0.014, origin=_AUGMENTED),
+            Bound(error="y", low=0.0048, high=0.0112, origin=_AUGMENTED),
+            Bound(error="z", low=0.006, high=0.014, origin=_AUGMENTED),
+            Bound(error="attitude", measure="maximum", high=0.135, origin=_AUGMENTED),
+        ),
+    ),
+    Entry(
         name="nanosat-2014",
         doc="Nanosatellite, oscillating by 5 degrees about all axes, with a fast drift.",
         source="Soh and Wu 2014",
+        params=NANOSAT,
         factory=lambda seed, steps: nanosat_2014(seed, steps=steps),
-        settled=1.0,
         bounds=(
             _around("x", 0.028, 0.4, _TEN),
             _around("y", 0.0045, 0.2, _TEN),
@@ -258,24 +190,24 @@ _ENTRIES = (
         name="nanosat-2014-rates",
         doc="nanosat-2014 with independent rates: gyroscope 1 kHz, vector sensors 100 Hz.",
         source="Soh and Wu 2014",
+        params=NANOSAT,
         factory=lambda seed, steps: nanosat_2014_rates(seed, P0=0.01, steps=steps),
-        settled=1.0,
         bounds=(Bound(error="attitude", low=0.024, high=0.079, origin=_SLOWER),),
     ),
     Entry(
         name="nanosat-2014-gaps",
         doc="nanosat-2014, each vector sensor with random gaps of 1 to 19 ms: masked updates.",
         source="Soh and Wu 2014",
+        params=NANOSAT,
         factory=lambda seed, steps: nanosat_2014_rates(seed, gaps="random", P0=0.01, steps=steps),
-        settled=1.0,
         bounds=(Bound(error="attitude", low=0.024, high=0.079, origin=_SLOWER),),
     ),
     Entry(
         name="swampsat",
         doc="SwampSat: Sun and field every 2 s, gyroscope at 10 Hz with a bias of degrees/s.",
         source="Asundi, Latchman and Fitz-Coy",
+        params=SWAMPSAT,
         factory=_swampsat,
-        settled=1500.0,
         runs=5,
         bounds=(_around("attitude", 0.730, 0.1, _FLIGHTS),),
     ),
@@ -283,6 +215,7 @@ _ENTRIES = (
         name="pendulum",
         doc="Pendulum that swings far, seen by the sine of its angle; the smallest system.",
         source="Särkkä and Svensson, Bayesian Filtering and Smoothing",
+        params=PENDULUM,
         factory=lambda seed, steps: pendulum(seed, steps=steps),
         runs=20,
         bounds=(_around("angle", 0.111, 0.15, _SEEDS), _around("rate", 0.188, 0.15, _SEEDS)),
@@ -291,6 +224,7 @@ _ENTRIES = (
         name="ctrv",
         doc="Turning vehicle seen by lidar and radar in turns; noise enters nonlinearly, angles.",
         source="Records of Udacity's CarND-Extended-Kalman-Filter-Project",
+        params=CTRV,
         factory=lambda seed, steps: ctrv(steps=steps),
         bounds=(
             _around("x", 0.067, 0.02, _SAME),
@@ -303,6 +237,7 @@ _ENTRIES = (
         name="ctrv-masked",
         doc="ctrv with the lidar's third row masked instead of padded.",
         source="Records of Udacity's CarND-Extended-Kalman-Filter-Project",
+        params=CTRV,
         factory=lambda seed, steps: ctrv(lidar="masked", steps=steps),
         bounds=(
             _around("x", 0.067, 0.02, _SAME),
@@ -315,6 +250,7 @@ _ENTRIES = (
         name="reentry",
         doc="Falling body with an unknown ballistic coefficient, tracked by a radar.",
         source="Julier and Uhlmann 2004",
+        params=REENTRY,
         factory=lambda seed, steps: reentry(seed, origin="radar", steps=steps),
         runs=5,
         bounds=(_around("position", 8.04e-3, 0.1, _SEEDS),),
@@ -323,6 +259,7 @@ _ENTRIES = (
         name="reentry-earth",
         doc="reentry in coordinates from the centre of the Earth: near the limit of binary32.",
         source="Julier and Uhlmann 2004",
+        params=REENTRY,
         factory=lambda seed, steps: reentry(seed, steps=steps),
         runs=5,
         bounds=(_around("position", 8.11e-3, 0.1, _SEEDS),),
@@ -331,6 +268,7 @@ _ENTRIES = (
         name="battery",
         doc="State of charge and resistance of a cell from its current and voltage.",
         source="Two RC pairs and a series resistance, two hours at 1 Hz",
+        params=BATTERY,
         factory=lambda seed, steps: battery(seed, steps=steps),
         runs=3,
         bounds=(
@@ -341,8 +279,8 @@ _ENTRIES = (
         name="gps-ins",
         doc="Inertial navigation at 100 Hz with satellite fixes at 5 Hz; the largest system.",
         source="Textbook loosely coupled navigation, 15 states",
+        params=GPS_INS,
         factory=lambda seed, steps: gps_ins(seed, steps=steps),
-        settled=30.0,
         runs=2,
         bounds=tuple(
             Bound(
@@ -356,6 +294,7 @@ _ENTRIES = (
         name="recorded-imu",
         doc="Recorded inertial and magnetic data against optical ground truth.",
         source="BROAD (Laidig et al. 2021), trial 1; Madgwick 2.31, Mahony 3.42 degrees published",
+        params=RECORDED_IMU,
         factory=lambda seed, steps: recorded_imu(steps=steps),
         bounds=(
             _around("attitude", 2.23, 0.03, f"{_SAME}, which were not rounded to 16 bits"),
@@ -365,6 +304,7 @@ _ENTRIES = (
         name="recorded-odometry",
         doc="Recorded odometry of a robot with position fixes twice a second.",
         source="ukfm (Brossard et al. 2019), sequence 2",
+        params=ODOMETRY,
         factory=lambda seed, steps: recorded_odometry(seed, steps=steps),
         runs=5,
         bounds=(
@@ -376,6 +316,26 @@ _ENTRIES = (
 
 #: All entries by name.
 CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in _ENTRIES}
+
+
+def find(name: str, what: str = "name") -> Entry:
+    """Find an entry of the catalogue.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    what
+        What the name is, in the message of the error.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    if name not in CATALOGUE:
+        raise ValueError(f"{what} must be one of {', '.join(CATALOGUE)}, not {name!r}")
+    return CATALOGUE[name]
 
 
 _LONG = (

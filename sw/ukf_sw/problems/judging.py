@@ -1,232 +1,344 @@
-"""Running filters on problems, up to the first error, and judging the estimates."""
+"""Judging runs: how large the errors are, beside another filter's, and within which bounds.
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+::
+
+    from ukf_sw.problems.judging import judge
+    from ukf_sw.problems.running import run
+
+    judged = judge(run(scenario, "golden"), run(scenario, "reference"))
+    for error in judged.errors:
+        print(error.name, error.rms, error.unit)
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.backends import Backend
-from ukf_sw.drivers.driver import Driver
-from ukf_sw.errors import (
-    IllegalStepError,
-    NotFiniteError,
-    NotPositiveDefiniteError,
-    SingularObservationError,
-    StepError,
-)
-from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.configurations import Problem
-from ukf_sw.problems.scenario import Scenario
-from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.parameters import Pipeline
-from ukf_sw.spec.registers import ErrorCode
+from ukf_sw.problems.running import Run
 
-__all__ = ["Track", "accuracy", "describe", "iterate", "make_backend", "run_problem"]
-
-#: The filter has settled by then, in seconds of a nanosatellite.
-SETTLED = 1.0
-#: Attitude error that the filter should stay below, in degrees.
-LIMIT = 0.1
-
-_CODES: dict[type[StepError], ErrorCode] = {
-    IllegalStepError: ErrorCode.ILLEGAL_STEP,
-    NotFiniteError: ErrorCode.NOT_FINITE,
-    SingularObservationError: ErrorCode.SINGULAR_OBSERVATION,
-    NotPositiveDefiniteError: ErrorCode.NOT_POSITIVE_DEFINITE,
-}
+__all__ = ["Bound", "JudgedError", "Judgement", "Measure", "Verdict", "judge", "steps_after"]
 
 Array = NDArray[np.float64]
+#: What a bound is about.
+Measure = Literal["rms", "maximum", "median", "diverged"]
 
 
-def make_backend(name: str, problem: Problem, pipeline: Pipeline | None = None) -> Backend:
-    """Make a backend for a problem.
-
-    Parameters
-    ----------
-    name
-        "golden" or "reference".
-    problem
-        The problem.
-    pipeline
-        How the core is built; decides cycles only.
-
-    Raises
-    ------
-    ValueError
-        If there is no such backend.
-    """
-    if name == "reference":
-        return ReferenceUkf(problem.params)
-    if name == "golden":
-        return Driver(GoldenBus(GoldenCore(problem.params, pipeline)), problem.params)
-    raise ValueError(f"backend must be 'golden' or 'reference', not {name!r}")
-
-
-def iterate(ukf: UnscentedKalmanFilter, scenario: Scenario, steps: int) -> Iterator[int]:
-    """Run a filter on a scenario: gives the number of each step after it.
-
-    Parameters
-    ----------
-    ukf
-        The filter.
-    scenario
-        The scenario.
-    steps
-        How many steps.
-
-    Raises
-    ------
-    UkfError
-        If a step of the filter fails.
-    """
-    for k in range(steps):
-        ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
-        mask = None if scenario.sampled is None else scenario.sampled[k]
-        if mask is None or mask.any():
-            arguments = scenario.observation_arguments
-            ukf.update(
-                scenario.measurements[k], mask, **({} if arguments is None else arguments[k])
-            )
-        yield k
-
-
-def describe(error: StepError, iteration: int) -> dict[str, Any]:
-    """Describe where an error of the core stopped a run.
+@dataclass(frozen=True, kw_only=True)
+class Bound:
+    """What an error must be, with the reason.
 
     Parameters
     ----------
     error
-        The error.
-    iteration
-        Number of steps of the scenario that had succeeded.
-    """
-    code = _CODES.get(type(error))
-    return {
-        "iteration": iteration,
-        "step": error.step.name,
-        "error": type(error).__name__ if code is None else code.name,
-        "code": getattr(error, "code", None) if code is None else int(code),
-        "index": getattr(error, "index", None),
-        "message": str(error),
-    }
-
-
-def run_problem(
-    backend: Backend,
-    scenario: Scenario,
-    steps: int,
-    progress: Callable[[int], None] | None = None,
-) -> dict[str, Any]:
-    """Run a filter on a problem, up to its first error.
-
-    Parameters
-    ----------
-    backend
-        What computes.
-    scenario
-        The scenario.
-    steps
-        How many steps.
-    progress
-        Called with the number of steps done, now and then.
-
-    Returns
-    -------
-    dict
-        ``x``, the estimates, shape (steps done, n); ``stopped``, from :func:`describe`, or None;
-        ``last_x``, the estimate that can be read at the end, also after an error.
-    """
-    estimates: list[Array] = []
-    stopped = None
-    try:
-        ukf = scenario.filter(backend)
-        for k in iterate(ukf, scenario, steps):
-            estimates.append(ukf.x)
-            if progress is not None and k % 200 == 0:
-                progress(k + 1)
-    except StepError as error:
-        stopped = describe(error, len(estimates))
-    if progress is not None:
-        progress(len(estimates))
-    x = np.array(estimates).reshape(-1, scenario.params.n)
-    return {"x": x, "stopped": stopped, "last_x": backend.state()}
-
-
-class Track(NamedTuple):
-    """What a filter made of a scenario.
-
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    x
-        Estimates of its first steps, shape (K, n).
+        Name of the error in the scenario.
+    measure
+        Root mean square, or largest magnitude; of the study of SwampSat the median over the flights
+        of their root mean squares, or the number of flights that diverged.
+    low, high
+        Limits, in the unit of the error. An error below what the noise allows is a mistake, too.
     reference
-        Estimates of the float64 reference, shape (K or more, n), or None.
+        Value that an independent float64 filter had, or None.
+    origin
+        Where reference and limits come from.
+
+    Raises
+    ------
+    ValueError
+        If the limits are not in order, or the reference is not within them.
     """
 
-    scenario: Scenario
-    x: Array
-    reference: Array | None = None
+    error: str
+    measure: Measure = "rms"
+    low: float = 0.0
+    high: float
+    reference: float | None = None
+    origin: str
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.high) and 0.0 <= self.low < self.high):
+            raise ValueError(f"high must be more than low, {self.low!r}, not {self.high!r}")
+        if self.reference is not None and not self.low <= self.reference <= self.high:
+            raise ValueError(
+                f"reference must be between {self.low!r} and {self.high!r}, not {self.reference!r}"
+            )
 
 
-def accuracy(*tracks: Track) -> dict[str, Any]:
-    """Judge estimates; those of several runs as if they were one.
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """An error beside its bound.
 
     Parameters
     ----------
-    tracks
-        Runs of one kind of scenario.
+    bound
+        The bound.
+    value
+        What the error was, in its unit; infinite if the filter broke off.
+    unit
+        Unit of the error; empty if it has none.
+    float64
+        The same of the float64 reference on the same data, or None.
+    """
+
+    bound: Bound
+    value: float
+    unit: str = ""
+    float64: float | None = None
+
+    @property
+    def error(self) -> str:
+        """Name of the error."""
+        return self.bound.error
+
+    @property
+    def okay(self) -> bool:
+        """Whether the error is within its bound; NaN is not."""
+        return self.bound.low <= self.value <= self.bound.high
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give bound, value and verdict, ready for JSON."""
+        bound = self.bound
+        return {
+            "error": bound.error, "measure": bound.measure, "unit": self.unit,
+            "value": self.value if isfinite(self.value) else None, "float64": self.float64,
+            "low": bound.low, "high": bound.high, "reference": bound.reference,
+            "origin": bound.origin, "okay": self.okay,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedError:
+    """How large one error of a scenario was.
+
+    Parameters
+    ----------
+    name, unit
+        As the scenario has them.
+    rms, maximum
+        Root mean square, and largest magnitude.
+    """
+
+    name: str
+    unit: str
+    rms: float
+    maximum: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """How good runs were.
+
+    Parameters
+    ----------
+    since
+        Time after which steps were judged, in seconds; None is from the beginning.
+    steps
+        Number of steps that were judged.
+    errors
+        Every error over these steps; none if there was no step.
+    limit
+        What the first error should stay below, or None.
+    below_limit
+        Share of the steps in which it did, or None.
+    reference
+        Judgement of the other filter over the same steps, or None.
+    largest_difference_of_x
+        From the other filter's estimates over these steps, or None.
+    """
+
+    since: float | None
+    steps: int
+    errors: tuple[JudgedError, ...]
+    limit: float | None = None
+    below_limit: float | None = None
+    reference: "Judgement | None" = None
+    largest_difference_of_x: float | None = None
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of each error, shape (e,)."""
+        return np.array([error.rms for error in self.errors])
+
+    @property
+    def maximum(self) -> Array:
+        """Largest magnitude of each error, shape (e,)."""
+        return np.array([error.maximum for error in self.errors])
+
+    @property
+    def rms_ratio(self) -> float | None:
+        """Root mean square of the first error, of attitudes the total one, to the reference's."""
+        if self.reference is None or not self.errors:
+            return None
+        other = self.reference.errors[0].rms
+        return self.errors[0].rms / other if other > 0.0 else None
+
+    def compare(self, bounds: Iterable[Bound]) -> tuple[Verdict, ...]:
+        """Compare with bounds.
+
+        Raises
+        ------
+        ValueError
+            If a bound is about an error that the scenario does not have, or cannot be judged here.
+        """
+        return tuple(self._verdict(bound) for bound in bounds)
+
+    def _verdict(self, bound: Bound) -> Verdict:
+        own = self._find(bound)
+        return Verdict(
+            bound=bound,
+            value=getattr(own, bound.measure),
+            unit=own.unit,
+            float64=(
+                None
+                if self.reference is None
+                else getattr(self.reference._find(bound), bound.measure)
+            ),
+        )
+
+    def _find(self, bound: Bound) -> JudgedError:
+        """Find the error that a bound is about."""
+        found = {error.name: error for error in self.errors}
+        if bound.error not in found or bound.measure not in ("rms", "maximum"):
+            names = ", ".join(found)
+            raise ValueError(f"bound must be about the rms or maximum of {names}, not {bound!r}")
+        return found[bound.error]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the errors, those of the reference beside them, ready for JSON."""
+        reference = self.reference
+        others = (None,) * len(self.errors) if reference is None else reference.errors
+        result: dict[str, Any] = {
+            "since": self.since,
+            "steps": self.steps,
+            "errors": [
+                {
+                    "error": own.name, "unit": own.unit, "rms": own.rms, "maximum": own.maximum,
+                    "float64_rms": None if other is None else other.rms,
+                }
+                for own, other in zip(self.errors, others, strict=True)
+            ],
+            "limit": self.limit,
+            "below_limit": self.below_limit,
+            "reference": None,
+        }  # fmt: skip
+        if reference is not None:
+            result["reference"] = {
+                "rms_ratio": self.rms_ratio,
+                "below_limit": reference.below_limit,
+                "largest_difference_of_x": self.largest_difference_of_x,
+            }
+        return result
+
+
+def steps_after(times: Array, after: float) -> NDArray[np.bool_]:
+    """Choose the steps later than a time, shape (K,).
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    chosen = times > after
+    if not chosen.any():
+        raise ValueError(f"after must be less than {float(times[-1])} s, not {after!r}")
+    return chosen
+
+
+def judge(
+    runs: Run | Sequence[Run],
+    reference: Run | Sequence[Run] | None = None,
+    *,
+    after: float | None = None,
+) -> Judgement:
+    """Judge runs of one kind of scenario; several as if they were one.
+
+    Parameters
+    ----------
+    runs
+        What to judge.
+    reference
+        Runs of another filter on the same data, such as the float64 reference, or None. Without
+        effect if one of them ended before its run did.
+    after
+        Time after which errors count, in seconds; None is the scenario's ``settled``, or the
+        beginning if no run is that long.
 
     Returns
     -------
-    dict
-        Root mean square and largest magnitude of every error; for attitudes, the share of the
-        steps below 0.1 degrees; ratios and differences to the reference. All of it over the steps
-        after 1 s, or over all if there are none. Empty if there is no estimate.
+    Judgement
+        Over the steps after that time that the scenario wants judged.
+
+    Raises
+    ------
+    ValueError
+        If there is no run, or one does not go on after a time that was given.
     """
-    tracks = tuple(track for track in tracks if len(track.x))
-    if not tracks:
-        return {}
-    settled = [track.scenario.times[: len(track.x)] > SETTLED for track in tracks]
-    since = SETTLED
-    if not any(part.any() for part in settled):
-        settled, since = [np.ones_like(part) for part in settled], 0.0
+    own = [runs] if isinstance(runs, Run) else list(runs)
+    if not own:
+        raise ValueError(f"runs must hold at least one run, not {runs!r}")
+    pairs: list[tuple[Run, Run | None]] = [(one, None) for one in own]
+    if reference is not None:
+        others = [reference] if isinstance(reference, Run) else list(reference)
+        pairs = list(zip(own, others, strict=True))
+    pairs = [pair for pair in pairs if pair[0].steps]
+    since = own[0].scenario.settled if after is None else after
+    if after is not None:
+        for one, _ in pairs:
+            steps_after(one.times, after)
+    elif not any((one.times > since).any() for one, _ in pairs):
+        since = -inf
+    found = _judge([one for one, _ in pairs], own[0], since)
+    if after is not None and not found.steps:
+        raise ValueError(f"after must leave a step that is judged, not {after!r}")
+    if not found.steps or any(other is None or other.steps < one.steps for one, other in pairs):
+        return found
+    compared = [(one, _beginning(other, one.steps)) for one, other in pairs if other is not None]
+    differences = [
+        np.abs(one.x - other.x)[_chosen(one, since)].max(initial=0.0) for one, other in compared
+    ]
+    return replace(
+        found,
+        reference=_judge([other for _, other in compared], own[0], since),
+        largest_difference_of_x=float(max(differences)),
+    )
 
-    def errors_of(estimates: Callable[[Track], Array]) -> Array:
-        return np.concatenate([
-            track.scenario.error(estimates(track), track.scenario.truth[: len(track.x)])[part]
-            for track, part in zip(tracks, settled, strict=True)
-        ])  # fmt: skip
 
-    scenario = tracks[0].scenario
-    names, units = scenario.error_names, scenario.error_units
-    errors = errors_of(lambda track: track.x)
-    rms = np.sqrt(np.mean(errors**2, axis=0))
-    result: dict[str, Any] = {
-        "since": since,
-        "steps": len(errors),
-        "units": dict(zip(names, units, strict=True)),
-        "rms": dict(zip(names, rms.tolist(), strict=True)),
-        "maximum": dict(zip(names, np.abs(errors).max(axis=0).tolist(), strict=True)),
-    }
-    if units[0] == "degrees":
-        result["below_0.1_degrees"] = float(np.mean(errors[:, 0] < LIMIT))
-    if all(track.reference is not None for track in tracks):
-        other = errors_of(lambda track: track.reference[: len(track.x)])
-        other_rms = np.sqrt(np.mean(other**2, axis=0))
-        differences = [
-            np.abs(track.x - track.reference[: len(track.x)])[part].max(initial=0.0)
-            for track, part in zip(tracks, settled, strict=True)
-        ]
-        result["reference"] = {
-            "rms": dict(zip(names, other_rms.tolist(), strict=True)),
-            # Of the first error, for attitudes the total one.
-            "rms_ratio": float(rms[0] / other_rms[0]) if other_rms[0] > 0.0 else None,
-            "largest_difference_of_x": float(max(differences)),
-        }
-        if units[0] == "degrees":
-            result["reference"]["below_0.1_degrees"] = float(np.mean(other[:, 0] < LIMIT))
-    return result
+def _beginning(run: Run, steps: int) -> Run:
+    """Give the first steps of a run."""
+    return replace(run, x=run.x[:steps], nis=run.nis[:steps], gated=run.gated[:steps])
+
+
+def _chosen(run: Run, since: float) -> NDArray[np.bool_]:
+    """Choose the steps of a run that count, shape (K,)."""
+    chosen = run.times > since
+    return chosen if run.scenario.judged is None else chosen & run.scenario.judged[: run.steps]
+
+
+def _judge(runs: Sequence[Run], first: Run, since: float) -> Judgement:
+    """Judge the steps after a time; name and limit of the errors are those of the first run."""
+    scenario = first.scenario
+    errors = np.concatenate(
+        [np.empty((0, len(scenario.error_names)))]
+        + [run.errors[_chosen(run, since)] for run in runs]
+    )
+    time = since if isfinite(since) else None
+    if not len(errors):
+        return Judgement(since=time, steps=0, errors=(), limit=scenario.limit)
+    rms = np.sqrt(np.mean(errors**2, axis=0)).tolist()
+    largest = np.abs(errors).max(axis=0).tolist()
+    limit = scenario.limit
+    return Judgement(
+        since=time,
+        steps=len(errors),
+        errors=tuple(
+            JudgedError(name=name, unit=unit, rms=rms[k], maximum=largest[k])
+            for k, (name, unit) in enumerate(
+                zip(scenario.error_names, scenario.error_units, strict=True)
+            )
+        ),
+        limit=limit,
+        below_limit=None if limit is None else float(np.mean(np.abs(errors[:, 0]) < limit)),
+    )

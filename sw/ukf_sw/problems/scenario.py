@@ -1,7 +1,7 @@
-"""Estimation problems with their data, and running a filter on them."""
+"""Estimation problems with their data."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.models import ObservationModel, ProcessModel
 from ukf_sw.spec.parameters import UkfParams
 
-__all__ = ["Results", "Scenario", "run"]
+__all__ = ["Scenario"]
 
 Array = NDArray[np.float64]
 
@@ -53,6 +53,10 @@ class Scenario:
         Keyword arguments of h, K of them; None is none.
     judged
         Steps whose errors count, shape (K,); None is all. Records have steps without truth.
+    settled
+        Time from which on errors count, in seconds: the filter has settled by then.
+    limit
+        What the first error should stay below, in its unit; None is nothing.
 
     Raises
     ------
@@ -82,6 +86,8 @@ class Scenario:
     state_angles: tuple[int, ...] = ()
     observation_angles: tuple[int, ...] = ()
     judged: NDArray[np.bool_] | None = None
+    settled: float = float("-inf")
+    limit: float | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -118,123 +124,3 @@ class Scenario:
             state_angles=self.state_angles,
             observation_angles=self.observation_angles,
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Results:
-    """What a filter made of a scenario.
-
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    times
-        Time of each step that was run, shape (K,), in seconds.
-    x
-        Estimate after each step, shape (K, n).
-    errors
-        Errors of the estimates, shape (K, e); names and units are those of the scenario.
-    nis
-        Normalised innovation squared of each step, shape (K,); NaN where nothing was sampled.
-    gated
-        Whether the update was rejected, shape (K,).
-    """
-
-    scenario: Scenario
-    times: Array
-    x: Array
-    errors: Array = field(repr=False)
-    nis: Array = field(repr=False)
-    gated: NDArray[np.bool_] = field(repr=False)
-
-    def rms(self, after: float = -np.inf) -> Array:
-        """Root mean square of each error over the judged steps later than a time, shape (e,).
-
-        Raises
-        ------
-        ValueError
-            If there is no such step.
-        """
-        return np.sqrt(np.mean(self.errors[self._settled(after)] ** 2, axis=0))
-
-    def maximum(self, after: float = -np.inf) -> Array:
-        """Largest magnitude of each error over the judged steps later than a time, shape (e,).
-
-        Raises
-        ------
-        ValueError
-            If there is no such step.
-        """
-        return np.abs(self.errors[self._settled(after)]).max(axis=0)
-
-    def _settled(self, after: float) -> NDArray[np.bool_]:
-        chosen = self.times > after
-        if chosen.any() and self.scenario.judged is not None:
-            chosen &= self.scenario.judged[: len(chosen)]
-            if not chosen.any():
-                raise ValueError(f"after must leave a step that is judged, not {after!r}")
-        if not chosen.any():
-            raise ValueError(f"after must be less than {float(self.times[-1])} s, not {after!r}")
-        return chosen
-
-
-def run(
-    scenario: Scenario,
-    backend: Backend | str = "reference",
-    *,
-    steps: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    every: int = 100,
-) -> Results:
-    """Run a filter on a scenario.
-
-    Parameters
-    ----------
-    scenario
-        The scenario.
-    backend
-        What computes: see :class:`ukf_sw.filter.UnscentedKalmanFilter`.
-    steps
-        How many steps; None is all.
-    progress
-        Called with the steps done and their total, every so many steps and at the end.
-    every
-        How many steps.
-
-    Returns
-    -------
-    Results
-
-    Raises
-    ------
-    ValueError
-        If there are not that many steps.
-    UkfError
-        If a step of the filter fails.
-    """
-    total = scenario.steps if steps is None else steps
-    if not 1 <= total <= scenario.steps:
-        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
-    ukf = scenario.filter(backend)
-    x = np.empty((total, scenario.params.n))
-    nis = np.full(total, np.nan)
-    gated = np.zeros(total, dtype=np.bool_)
-    for k in range(total):
-        ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
-        mask = None if scenario.sampled is None else scenario.sampled[k]
-        if mask is None or mask.any():
-            extra = scenario.observation_arguments
-            arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-            ukf.update(scenario.measurements[k], mask=mask, **arguments)
-            nis[k], gated[k] = ukf.nis, ukf.gated
-        x[k] = ukf.x
-        if progress is not None and ((k + 1) % every == 0 or k + 1 == total):
-            progress(k + 1, total)
-    return Results(
-        scenario=scenario,
-        times=scenario.times[:total],
-        x=x,
-        errors=scenario.error(x, scenario.truth[:total]),
-        nis=nis,
-        gated=gated,
-    )

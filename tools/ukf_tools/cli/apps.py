@@ -3,11 +3,13 @@
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from ukf_tools.cli.console import (
@@ -19,8 +21,12 @@ from ukf_tools.cli.console import (
     progress_teller,
     results,
 )
+from ukf_tools.cli.judgement import name_of
 
 # What takes long to import is imported by the commands that need it.
+if TYPE_CHECKING:
+    from ukf_sw.problems.judging import Judgement, Verdict
+    from ukf_tools.evaluate.evaluation import Evaluation
 
 __all__ = ["apps_app"]
 
@@ -54,77 +60,70 @@ WorkersOption = Annotated[int, typer.Option("--workers", min=1, help="Processes.
 FOLDER = Path("build/apps")
 
 
-def _name_of(error: str, unit: str) -> str:
-    return f"{error} / {unit}" if unit else error
+def _bound(verdict: "Verdict") -> str:
+    """Show a bound, in the colour of the verdict."""
+    colour = "green" if verdict.okay else "bold red"
+    return f"[{colour}]{number(verdict.bound.low)} to {number(verdict.bound.high)}[/]"
 
 
-def _measured(verdict: dict[str, Any], unit: str) -> str:
-    """Name what a verdict is about."""
-    kind = {"maximum": "largest ", "diverged": "diverged: "}.get(verdict["measure"], "")
-    return kind + _name_of(verdict["error"], unit)
-
-
-def _errors_table(record: dict[str, Any]) -> Table:
-    """Make the table of one run."""
-    since = "" if record["settled"] is None else f", after {record['settled']:g} s"
-    runs = "" if record["runs"] == 1 else f", {record['runs']} runs"
-    table = Table(
-        title=f"{record['name']}, {record['backend']}: {record['steps']} steps{runs}{since}"
-    )
+def _errors_table(made: "Evaluation", judged: "Judgement") -> Table:
+    """Make the table of one entry."""
+    since = "" if made.settled is None else f", after {made.settled:g} s"
+    runs = "" if made.runs == 1 else f", {made.runs} runs"
+    table = Table(title=f"{made.name}, {made.backend}: {made.steps} steps{runs}{since}")
     columns = ("error", "rms", "largest", "rms of float64", "published or independent", "bound")
     for heading in columns:
         table.add_column(heading, justify="left" if heading == "error" else "right")
-    verdicts = {(v["error"], v["measure"]): v for v in record["verdicts"]}
-    for row in record["errors"]:
-        verdict = verdicts.get((row["error"], "rms")) or verdicts.get((row["error"], "maximum"))
+    verdicts = {(v.error, v.bound.measure): v for v in made.verdicts or ()}
+    others = judged.reference
+    for k, error in enumerate(judged.errors):
+        verdict = verdicts.get((error.name, "rms")) or verdicts.get((error.name, "maximum"))
         reference, bound = "-", "-"
         if verdict is not None:
-            kind = "" if verdict["measure"] == "rms" else "largest "
-            colour = "green" if verdict["okay"] else "bold red"
-            reference = kind + number(verdict["reference"])
-            limits = f"{number(verdict['low'])} to {number(verdict['high'])}"
-            bound = f"[{colour}]{kind}{limits}[/]"
+            kind = "" if verdict.bound.measure == "rms" else "largest "
+            reference = kind + number(verdict.bound.reference)
+            bound = kind + _bound(verdict)
         table.add_row(
-            _name_of(row["error"], row["unit"]), number(row["rms"]), number(row["maximum"]),
-            number(row["float64_rms"]), reference, bound,
+            name_of(error.name, error.unit), number(error.rms), number(error.maximum),
+            number(None if others is None else others.errors[k].rms), reference, bound,
         )  # fmt: skip
     return table
 
 
-def _print_record(record: dict[str, Any]) -> None:
-    if record["errors"]:
-        results.print(_errors_table(record))
-    if record["stopped"] is not None:
-        results.print(f"[bold red]Stopped:[/] {record['stopped']}", soft_wrap=True)
-    if record["backend"] == "cosim":
-        if record["mismatch"] is None:
+def _print_evaluation(made: "Evaluation") -> None:
+    if made.judgement is not None and made.judgement.errors:
+        results.print(_errors_table(made, made.judgement))
+    if made.stopped is not None:
+        results.print(f"[bold red]Stopped:[/] {made.stopped}", soft_wrap=True)
+    if made.observed is not None:
+        if made.observed.mismatch is None:
             results.print(
-                f"[bold green]Bit-exact[/]: {record['words_compared']} words equal the golden "
+                f"[bold green]Bit-exact[/]: {made.observed.words_compared} words equal the golden "
                 "model's"
             )
         else:
-            results.print(f"[bold red]Not bit-exact:[/] {record['mismatch']}", soft_wrap=True)
-    elif not record["judged"]:
+            results.print(f"[bold red]Not bit-exact:[/] {made.observed.mismatch}", soft_wrap=True)
+    elif made.verdicts is None:
         results.print("Not judged: bounds are those of whole runs.")
-    for plot in record["plots"]:
+    for plot in made.plots:
         results.print(f"Plot: {plot}", soft_wrap=True)
 
 
 @apps_app.command("list")
 def list_entries(as_json: JsonOption = False) -> None:
     """List the catalogue."""
+    from ukf_sw.extras import MissingExtraError
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_tools.evaluate.runner import EXTRA
 
     rows: list[dict[str, Any]] = []
     for entry in CATALOGUE.values():
+        p = entry.params
         row: dict[str, Any] = {"name": entry.name, "doc": entry.doc, "source": entry.source}
+        row |= {"n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": p.N}
         try:
-            p = entry.scenario(0, 1).params
-        except ModuleNotFoundError:
-            row["needs"] = EXTRA
-        else:
-            row |= {"n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": p.N}
+            entry.scenario(0, 1)
+        except MissingExtraError as error:
+            row["needs"] = error.command
         rows.append(row)
     if as_json:
         print_json(rows)
@@ -133,8 +132,9 @@ def list_entries(as_json: JsonOption = False) -> None:
     for heading in ("name", "n q r m", "what", "source"):
         table.add_column(heading)
     for row in rows:
-        sizes = row.get("needs") or f"{row['n']} {row['q']} {row['r']} {row['m']}"
-        table.add_row(row["name"], sizes, row["doc"], row["source"])
+        sizes = f"{row['n']} {row['q']} {row['r']} {row['m']}"
+        needs = f" Needs {row['needs']}." if "needs" in row else ""
+        table.add_row(row["name"], sizes, escape(row["doc"] + needs), row["source"])
     results.print(table)
 
 
@@ -156,11 +156,11 @@ def run_command(
     differs from the golden model.
     """
     from ukf_sim.simulators import SimulatorError
-    from ukf_tools.evaluate.runner import run_entry
+    from ukf_tools.evaluate.evaluation import evaluate
 
     with progress_teller() as tell:
         try:
-            record = run_entry(
+            made = evaluate(
                 name, backend.value, steps=steps, seed=seed, output=output, progress=tell
             )
         except ValueError as error:
@@ -168,10 +168,10 @@ def run_command(
         except SimulatorError as error:
             fail(str(error), 1)
     if as_json:
-        print_json(record)
+        print_json(made.as_dict())
     else:
-        _print_record(record)
-    if not record["okay"]:
+        _print_evaluation(made)
+    if not made.okay:
         raise typer.Exit(1)
 
 
@@ -195,75 +195,74 @@ def run_all(
     """
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_tools.evaluate.runner import run_catalogue
+    from ukf_tools.evaluate.evaluation import evaluate_all
 
-    records: list[dict[str, Any]] = []
+    evaluations: list[Evaluation] = []
     started = time.perf_counter()
     with progress_teller() as tell:
 
-        def keep(own: list[dict[str, Any]]) -> None:
-            records.extend(own)
-            word = "okay" if all(record["okay"] for record in own) else "[bold red]wrong[/]"
-            seconds = sum(record["seconds"] for record in own)
-            messages.print(f"{own[0]['name']}: {word}, {seconds:.0f} s", highlight=False)
+        def keep(made: "list[Evaluation]") -> None:
+            evaluations.extend(made)
+            word = "okay" if all(each.okay for each in made) else "[bold red]wrong[/]"
+            seconds = sum(each.seconds for each in made)
+            messages.print(f"{made[0].name}: {word}, {seconds:.0f} s", highlight=False)
 
         try:
-            for k, own in enumerate(
-                run_catalogue(
+            for k, made in enumerate(
+                evaluate_all(
                     backend.value, cosim_steps=cosim_steps, seed=seed, output=output,
                     workers=workers,
                 )
             ):  # fmt: skip
-                keep(own)
+                keep(made)
                 tell("Applications", k + 1, len(CATALOGUE))
         except SimulatorError as error:
             fail(str(error), 1)
-        flown = (r["name"] == "swampsat" and r["stopped"] is None for r in records)
+        flown = (each.name == "swampsat" and each.stopped is None for each in evaluations)
         if study and any(flown):
             keep([_fly(output, backend.value, range(seed, seed + 5), workers, tell)])
     output.mkdir(parents=True, exist_ok=True)
+    records = [each.as_dict() for each in evaluations]
     text = json.dumps(records, indent=2) + "\n"
     (output / "errors.json").write_text(text, encoding="utf-8")
-    okay = all(record["okay"] for record in records)
     if as_json:
         print_json(records)
     else:
-        _print_summary(records)
+        _print_summary(evaluations)
         took = f"{(time.perf_counter() - started) / 60.0:.1f} minutes"
         results.print(f"{took} with {workers} worker{'s' * (workers != 1)}", highlight=False)
-    if not okay:
+    if not all(each.okay for each in evaluations):
         raise typer.Exit(1)
 
 
-def _print_summary(records: list[dict[str, Any]]) -> None:
+def _print_summary(evaluations: "list[Evaluation]") -> None:
     """Print the table of all errors against their bounds."""
     table = Table(title="Errors of all applications")
     for heading in ("application", "backend", "error", "measured", "float64", "reference", "bound"):
         left = heading in ("application", "backend", "error")
         table.add_column(heading, justify="left" if left else "right")
-    for record in records:
-        name, backend = record["name"], record["backend"]
-        if record["backend"] == "cosim":
-            words = f"{record['words_compared']} words equal"
-            verdict = f"[green]{words}[/]" if record["okay"] else "[bold red]differs[/]"
-            table.add_row(name, backend, f"{record['steps']} steps", "-", "-", "-", verdict)
+    kinds = {"maximum": "largest ", "diverged": "diverged: "}
+    for made in evaluations:
+        name, backend = made.name, made.backend
+        if made.observed is not None:
+            words = f"{made.observed.words_compared} words equal"
+            verdict = f"[green]{words}[/]" if made.okay else "[bold red]differs[/]"
+            table.add_row(name, backend, f"{made.steps} steps", "-", "-", "-", verdict)
             continue
-        if record["stopped"] is not None:
+        if made.stopped is not None:
             table.add_row(name, backend, "stopped", "-", "-", "-", "[bold red]stopped[/]")
-        rows = {row["error"]: row for row in record["errors"]}
-        for verdict in record["verdicts"]:
-            row = rows[verdict["error"]]
-            colour = "green" if verdict["okay"] else "bold red"
+        for each in made.verdicts or ():
+            measure = each.bound.measure
             table.add_row(
                 name, backend,
-                _measured(verdict, row["unit"]),
-                number(verdict["value"]),
-                number(row["float64_rms"]) if verdict["measure"] == "rms" else "-",
-                number(verdict["reference"]),
-                f"[{colour}]{number(verdict['low'])} to {number(verdict['high'])}[/]",
+                kinds.get(measure, "") + name_of(each.error, each.unit),
+                number(each.value),
+                number(each.float64) if measure == "rms" else "-",
+                number(each.bound.reference),
+                _bound(each),
             )  # fmt: skip
     results.print(table)
-    wrong = [record["name"] for record in records if not record["okay"]]
+    wrong = [made.name for made in evaluations if not made.okay]
     if wrong:
         results.print(f"[bold red]Outside of its bound:[/] {', '.join(wrong)}")
     else:
@@ -277,26 +276,24 @@ def _fly(
     workers: int,
     tell: Callable[[str, int, int | None], None],
     duration: float | None = None,
-) -> dict[str, Any]:
-    """Run the study of SwampSat, keep it and its figures; gives its record."""
-    from ukf_tools.evaluate.runner import EXTRA
+) -> "Evaluation":
+    """Run the study of SwampSat, keep it and its figures."""
+    from ukf_sw.extras import MissingExtraError
 
     try:
-        from ukf_tools.evaluate.swampsat import plot_study, run_study, study_record
-    except ModuleNotFoundError as error:
-        fail(f"{error.name} is not installed: {EXTRA}", 1)
+        from ukf_tools.evaluate.swampsat import evaluate_study, plot_study, run_study
+    except MissingExtraError as error:
+        fail(str(error), 1)
     started = time.perf_counter()
     keywords = {} if duration is None else {"duration": duration}
     found = run_study(
         seeds=seeds, backend="reference" if backend == "reference" else "golden", workers=workers,
         progress=lambda done, total: tell("SwampSat", done, total), **keywords,
     )  # fmt: skip
-    record = study_record(found)
-    record["plots"] = [str(file) for file in plot_study(found, output)]
+    plots = tuple(plot_study(found, output))
     text = json.dumps(found, allow_nan=False) + "\n"
     (output / "swampsat.json").write_text(text, encoding="utf-8")
-    record["seconds"] = time.perf_counter() - started
-    return record
+    return replace(evaluate_study(found), plots=plots, seconds=time.perf_counter() - started)
 
 
 @apps_app.command("swampsat")
@@ -316,11 +313,11 @@ def swampsat(
     """
     with progress_teller() as tell:
         try:
-            record = _fly(output, backend, range(seeds), workers, tell, duration)
+            made = _fly(output, backend, range(seeds), workers, tell, duration)
         except ValueError as error:
             fail(str(error))
     if as_json:
-        print_json(record)
+        print_json(made.as_dict())
     else:
         from ukf_tools.evaluate.swampsat import table
 
@@ -329,11 +326,11 @@ def swampsat(
         for row in rows:
             printed.add_row(*row)
         results.print(printed)
-        if record["judged"]:
-            _print_summary([record])
+        if made.verdicts is not None:
+            _print_summary([made])
         else:
             results.print("Not judged: bounds are those of the whole study.")
-        for figure in record["plots"]:
-            results.print(figure, highlight=False, soft_wrap=True)
-    if not record["okay"]:
+        for figure in made.plots:
+            results.print(str(figure), highlight=False, soft_wrap=True)
+    if not made.okay:
         raise typer.Exit(1)

@@ -7,8 +7,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from ukf_sw.problems.configurations import Problem
-from ukf_sw.problems.judging import LIMIT
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.systems.nanosat import LIMIT
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -37,24 +37,32 @@ if TYPE_CHECKING:
 
 __all__ = ["c_arm", "c_loop", "export"]
 
+#: Systems whose models are in C.
+NANOSATELLITES = (
+    "nanosat", "nanosat-additive", "nanosat-2014", "nanosat-2014-rates", "nanosat-2014-gaps",
+)  # fmt: skip
+
 StepsOption = Annotated[
     int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
 ]
 
 
-def _nanosatellite(core: Core, seed: int, p0: float) -> Problem:
-    """Make a problem for which there are models in C."""
-    if core.configuration is None:
-        fail("--config must be given: the models in C are those of a nanosatellite")
-    return Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
+def _nanosatellite(core: Core, seed: int, p0: float | None) -> Recipe:
+    """Make the recipe of a scenario for which there are models in C."""
+    name = core.configuration
+    if name not in NANOSATELLITES:
+        known = ", ".join(NANOSATELLITES)
+        raise ValueError(f"--config must be one of {known}, whose models are in C, not {name!r}")
+    return Recipe(name=name, params=core.params, seed=seed, P0=p0)
 
 
+@needs()
 @with_core
 def export(
     core: Core,
     steps: StepsOption = 1000,
     seed: SeedOption = 0,
-    p0: P0Option = 1.0,
+    p0: P0Option = None,
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/scenario"
     ),
@@ -65,10 +73,10 @@ def export(
 
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
-    problem = Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
     with checked():
+        recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
         try:
-            files = export_scenario(problem.scenario(steps), steps, output)
+            files = export_scenario(recipe.scenario(steps), steps, output)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)
@@ -80,7 +88,7 @@ def c_loop(
     core: Core,
     steps: StepsOption = 1000,
     seed: SeedOption = 0,
-    p0: P0Option = 1.0,
+    p0: P0Option = None,
     plot: PlotOption = None,
     interrupt: InterruptOption = True,
     bus_latency: BusLatencyOption = 0.0,
@@ -101,15 +109,17 @@ def c_loop(
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
+    from ukf_sim.cosimulation import cosimulate
     from ukf_sim.simulators import Simulator, SimulatorError
 
-    problem = _nanosatellite(core, seed, p0)
+    with checked():
+        recipe = _nanosatellite(core, seed, p0)
     try:
         Simulator.VERILATOR.require()
     except SimulatorError as error:
         fail(str(error), 1)
     with checked():
-        scenario = problem.scenario(max(steps, beside_cocotb))
+        scenario = recipe.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars:
         bar = bars.add_task("Starting", total=None)
         try:
@@ -121,7 +131,11 @@ def c_loop(
             cocotb = None
             if beside_cocotb:
                 bars.update(bar, description="cocotb")
-                cocotb = _cocotb_seconds(core, problem, beside_cocotb, interrupt, bus_latency)
+                # The Python driver, in lockstep.
+                cocotb = cosimulate(
+                    recipe.scenario, beside_cocotb, pipeline=core.pipeline, interrupt=interrupt,
+                    word_clocks=bus_latency,
+                )  # fmt: skip
         except ValueError as error:
             fail(str(error))
         except (CompilerError, SimulatorError) as error:
@@ -134,7 +148,9 @@ def c_loop(
         "words_per_iteration": outcome.words / steps,
         "bus_clocks_per_iteration": outcome.bus_clocks / steps,
         "rates": _rates(steps, outcome.seconds, outcome.cpu_seconds),
-        "cocotb_rates": None if cocotb is None else _rates(beside_cocotb, *cocotb),
+        "cocotb_rates": None
+        if cocotb is None
+        else _rates(beside_cocotb, cocotb.seconds, cocotb.cpu_seconds),
         "attitude": None
         if plot is None
         else describe_attitude(plot, scenario, outcome.results, core.title),
@@ -153,7 +169,7 @@ def c_arm(
     core: Core,
     steps: StepsOption = 100,
     seed: SeedOption = 0,
-    p0: P0Option = 1.0,
+    p0: P0Option = None,
     output: Annotated[
         Path, typer.Option("--output", help="Folder for the program and its samples.")
     ] = Path("build/arm"),
@@ -166,11 +182,12 @@ def c_arm(
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_tools.arm.emulator import run_on_arm
 
-    problem = _nanosatellite(core, seed, p0)
+    with checked():
+        recipe = _nanosatellite(core, seed, p0)
     with progress_bars(counted=False) as bars:
         bars.add_task("Running", total=None)
         try:
-            outcome = run_on_arm(problem.scenario(steps), steps, output)
+            outcome = run_on_arm(recipe.scenario(steps), steps, output)
         except ValueError as error:
             fail(str(error))
         except (CompilerError, OSError) as error:
@@ -242,21 +259,6 @@ def describe_attitude(
 def _rates(steps: int, seconds: float, cpu_seconds: float) -> dict[str, float]:
     """Iterations per second of time, and of the processor."""
     return {"time": steps / seconds, "processor": steps / cpu_seconds}
-
-
-def _cocotb_seconds(
-    core: Core, problem: Problem, steps: int, interrupt: bool, bus_latency: float
-) -> tuple[float, float]:
-    """Time of the co-simulation with the Python driver, in lockstep, and of its processor."""
-    from ukf_sim.session import Job, cosimulate
-
-    job = Job(
-        params=core.params, pipeline=core.pipeline, task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps}, interrupt=interrupt,
-        word_clocks=bus_latency,
-    )  # fmt: skip
-    result = cosimulate(job).result
-    return result["seconds"], result["cpu_seconds"]
 
 
 def _print(core: Core, record: dict) -> None:

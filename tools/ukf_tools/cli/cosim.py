@@ -1,14 +1,14 @@
 """Command ``ukf cosim``."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from ukf_sim.simulators import Simulator, SimulatorError
-from ukf_sw.problems.configurations import Problem
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -16,10 +16,10 @@ from ukf_tools.cli.console import (
     fail,
     needs,
     print_json,
-    progress_bars,
+    progress_teller,
     results,
 )
-from ukf_tools.cli.judgement import print_accuracy, print_stop
+from ukf_tools.cli.judgement import print_judgement, print_stop
 from ukf_tools.cli.options import (
     COSIM,
     DATA,
@@ -31,7 +31,15 @@ from ukf_tools.cli.options import (
     with_core,
 )
 
+# What takes long to import is imported by the command itself.
+if TYPE_CHECKING:
+    from ukf_sim.cosimulation import Cosimulation
+    from ukf_sw.problems.judging import Judgement
+
 __all__ = ["cosim"]
+
+#: Steps of an iteration.
+ITERATION = ("SIG_GEN", "PREDICT", "UPDATE")
 
 
 @needs("hdl", "sim", "golden")
@@ -42,7 +50,7 @@ def cosim(
         int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
     ] = 20,
     seed: SeedOption = 0,
-    p0: P0Option = 1.0,
+    p0: P0Option = None,
     plot: PlotOption = None,
     simulator: Annotated[
         Simulator, typer.Option("--simulator", help="Simulator.", rich_help_panel=COSIM)
@@ -64,60 +72,124 @@ def cosim(
         simulator.require()
     except SimulatorError as error:
         fail(str(error), 1)
-    with checked():
-        if not math.isfinite(bus_latency):
-            raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
-        problem = Problem(configuration=core.configuration, params=core.params, seed=seed, P0=p0)
-        scenario = problem.scenario(steps)
-    from ukf_sim.session import Job, cosimulate
-    from ukf_sw.problems.judging import make_backend, run_problem
-    from ukf_tools.evaluate.cosimulation_record import cosimulation_record
+    from ukf_sim.cosimulation import cosimulate
+    from ukf_sw.errors import StepError
+    from ukf_sw.problems.judging import judge
+    from ukf_sw.problems.recipe import Recipe
+    from ukf_sw.problems.running import run
     from ukf_tools.evaluate.plots import plot_errors
 
-    reference = run_problem(make_backend("reference", problem), scenario, steps)["x"]
-    job = Job(
-        params=core.params,
-        pipeline=core.pipeline,
-        task="ukf_sim.tasks:run_problem",
-        arguments={"problem": problem, "steps": steps},
-        interrupt=interrupt,
-        word_clocks=bus_latency,
-    )
     phases = {
         "generate": "Generating Verilog",
         "compile": f"Compiling for {simulator.value}",
         "simulate": "Simulating",
     }
-    with progress_bars() as bars:
-        bar = bars.add_task("Starting", total=None)
-
-        def tell(phase: str, done: int) -> None:
-            total = steps if phase == "simulate" else None
-            bars.update(bar, description=phases[phase], completed=done, total=total)
-
+    with checked():
+        if not math.isfinite(bus_latency):
+            raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
+        recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
+    with progress_teller() as tell, checked():
         try:
-            outcome = cosimulate(job, simulator, cache=cache, progress=tell)
+            found = cosimulate(
+                recipe.scenario, steps, pipeline=core.pipeline, simulator=simulator,
+                interrupt=interrupt, word_clocks=bus_latency, cache=cache,
+                progress=lambda phase, done: tell(
+                    phases[phase], done, steps if phase == "simulate" else None
+                ),
+            )  # fmt: skip
         except SimulatorError as error:
             fail(str(error), 1)
-    record = cosimulation_record(problem, job, simulator, steps, outcome, reference)
-    image = plot or cache.parent / "plots" / f"cosim-{core.stem}.png"
-    if len(outcome.result["x"]):
-        count = len(outcome.result["x"])
-        estimates = {"core, simulated": outcome.result["x"], "float64 reference": reference[:count]}
-        record["plot"] = str(plot_errors(image, scenario, estimates, core.title))
-    else:
-        record["plot"] = None
+    reference = run(found.run.scenario, steps=steps, ends_at=(StepError,))
+    judged = judge(found.run, reference)
+    image = None
+    if found.run.steps:
+        image = plot or cache.parent / "plots" / f"cosim-{core.stem}.png"
+        drawn = {"core, simulated": found.run, "float64 reference": reference}
+        plot_errors(image, drawn, core.title)
+    record = _record(core, recipe.seed, p0, simulator.value, found, judged)
+    record["plot"] = None if image is None else str(image)
     if as_json:
         print_json(record)
     else:
-        _print_cosim(record, core.title)
-    if not record["bit_exact"]:
+        _print_cosim(core, record, found, judged)
+    if found.mismatch is not None:
         raise typer.Exit(1)
 
 
-def _print_cosim(record: dict[str, Any], title: str) -> None:
+def _record(
+    core: Core,
+    seed: int,
+    p0: float | None,
+    simulator: str,
+    found: "Cosimulation",
+    judged: "Judgement",
+) -> dict[str, Any]:
+    """Describe a co-simulation, ready for JSON."""
+    from ukf_tools.estimate.latency import latency
+
+    predicted = latency(core.params, core.pipeline)
+    last = found.iterations[-1] if found.iterations else None
+    cycles = {} if last is None else last.cycles
+    words = sum(each.bus_words for each in found.iterations)
+    own = found.run
+    return {
+        "configuration": core.configuration,
+        **core.record(),
+        "simulator": simulator,
+        "mode": "interrupt" if found.job.interrupt else "polling",
+        "bus_latency": found.job.word_clocks,
+        "seed": seed,
+        "P0": p0,
+        "steps_requested": found.steps,
+        "steps": own.steps,
+        "bit_exact": found.mismatch is None,
+        "mismatch": found.mismatch,
+        "words_compared": found.words_compared,
+        "stopped": None if own.stop is None else own.stop.as_dict(),
+        "last_estimate": None if own.last_x is None else own.last_x.tolist(),
+        "cycles": {
+            "steps": {name: cycles[name] for name in ITERATION if name in cycles},
+            "total": sum(cycles.get(name, 0) for name in ITERATION),
+            "first": found.first_cycles | (found.iterations[0].cycles if last else {}),
+            "predicted": predicted["steps"],
+            "predicted_total": predicted["total"],
+            "as_predicted": _as_predicted(found, predicted["programs"]),
+        },
+        "bus": {
+            "words_per_iteration": 0 if last is None else last.traffic.words,
+            **({} if last is None else asdict(last.traffic)),
+            "clocks_per_word": sum(each.bus_clocks for each in found.iterations) / words
+            if words
+            else None,
+        },
+        "clocks_per_iteration": None if last is None else last.clocks,
+        "iterations_per_second": own.steps / found.seconds if own.steps else None,
+        "compiled": found.build.compiled,
+        "build_seconds": found.build.seconds,
+        "simulation_seconds": found.simulation_seconds,
+        "accuracy": judged.as_dict(),
+    }
+
+
+def _as_predicted(found: "Cosimulation", programs: dict[str, int]) -> bool:
+    """Whether every step took the clocks of its schedule.
+
+    Each reading was compared with the golden model's; this is the comparison with the schedule.
+    """
+    updates = (programs["UPDATE"], programs["UPDATE_REDRAWN"])
+    return found.first_cycles.get("INIT") == programs["INIT"] and all(
+        each.cycles.get("PREDICT", programs["PREDICT"]) == programs["PREDICT"]
+        and each.cycles.get("UPDATE", updates[0]) in updates
+        for each in found.iterations
+    )
+
+
+def _print_cosim(
+    core: Core, record: dict[str, Any], found: "Cosimulation", judged: "Judgement"
+) -> None:
+    """Print a co-simulation; clocks and words as the record has them."""
     cycles, bus = record["cycles"], record["bus"]
-    results.print(f"[bold]{title}[/]", soft_wrap=True)
+    results.print(f"[bold]{core.title}[/]", soft_wrap=True)
     table = Table()
     for heading in ("step", "core", "schedule"):
         table.add_column(heading, justify="left" if heading == "step" else "right")
@@ -125,26 +197,27 @@ def _print_cosim(record: dict[str, Any], title: str) -> None:
         table.add_row(name, str(cycles["steps"].get(name, "-")), str(predicted))
     table.add_row("total", str(cycles["total"]), str(cycles["predicted_total"]), style="bold")
     results.print(table)
-    if bus["clocks_per_word"] is not None:
+    if found.iterations:
+        traffic = found.iterations[-1].traffic
         results.print(
-            f"Bus words per iteration: {bus['words_per_iteration']} "
-            f"({bus['words_read']} read, {bus['words_written']} written), and "
-            f"{bus['control_reads']} + {bus['control_writes']} of the registers; "
+            f"Bus words per iteration: {traffic.words} "
+            f"({traffic.words_read} read, {traffic.words_written} written), and "
+            f"{traffic.control_reads} + {traffic.control_writes} of the registers; "
             f"{bus['clocks_per_word']:.1f} clocks a word"
         )
         results.print(
             f"Iteration, software apart: {record['clocks_per_iteration']} clocks. "
-            f"Simulated {record['steps']} iterations with {record['simulator']}, "
+            f"Simulated {found.run.steps} iterations with {record['simulator']}, "
             f"{record['mode']}, at {record['iterations_per_second']:.1f} a second"
         )
-    print_accuracy(record["accuracy"])
-    print_stop(record)
+    print_judgement(judged)
+    print_stop(found.run)
     if record["plot"]:
         results.print(f"Plot: {record['plot']}", soft_wrap=True)
-    if record["bit_exact"]:
+    if found.mismatch is None:
         results.print(
-            f"[bold green]Bit-exact[/]: {record['words_compared']} words of the core equal the "
+            f"[bold green]Bit-exact[/]: {found.words_compared} words of the core equal the "
             "golden model's"
         )
     else:
-        results.print(f"[bold red]Not bit-exact[/]: {record['mismatch']}", soft_wrap=True)
+        results.print(f"[bold red]Not bit-exact[/]: {found.mismatch}", soft_wrap=True)

@@ -1,53 +1,61 @@
 """Printed verdicts of a run: its accuracy, and why it stopped."""
 
-from typing import Any
-
 from rich.table import Table
 
+from ukf_sw.problems.judging import Judgement
+from ukf_sw.problems.running import Run
 from ukf_tools.cli.console import number, results
 
-__all__ = ["print_accuracy", "print_stop"]
+__all__ = ["name_of", "print_judgement", "print_stop"]
 
 
-def print_stop(record: dict[str, Any]) -> None:
+def name_of(error: str, unit: str) -> str:
+    """Name an error with its unit."""
+    return f"{error} / {unit}" if unit else error
+
+
+def print_stop(found: Run) -> None:
     """Print why a run ended early, if it did, and its last good estimate."""
-    stopped = record["stopped"]
-    if stopped is not None:
-        index = "" if stopped["index"] is None else f", index {stopped['index']}"
+    stop = found.stop
+    if stop is not None:
+        where = "" if stop.step is None else f", in {stop.step}"
+        code = "" if stop.code is None else f", code {stop.code}"
+        index = "" if stop.index is None else f", index {stop.index}"
         results.print(
-            f"[bold yellow]Stopped[/] after {stopped['iteration']} iterations, in "
-            f"{stopped['step']}: {stopped['error']}, code {stopped['code']}{index}. "
-            f"{stopped['message']}.",
+            f"[bold yellow]Stopped[/] after {stop.iteration} iterations{where}: "
+            f"{stop.error}{code}{index}. {stop.message}.",
             soft_wrap=True,
         )
-        last = ", ".join(f"{value:.6g}" for value in record["last_estimate"] or [])
+        values = [] if found.last_x is None else found.last_x.tolist()
+        last = ", ".join(f"{value:.6g}" for value in values)
         results.print(f"Last good estimate: ({last})", soft_wrap=True)
 
 
-def print_accuracy(judged: dict[str, Any]) -> None:
-    """Print the errors of a run."""
-    if not judged:
+def print_judgement(judged: Judgement) -> None:
+    """Print the errors of runs."""
+    if not judged.errors:
         return
-    reference = judged.get("reference")
-    after = f", from {judged['since']:g} s on" if judged["since"] else ""
-    results.print(f"Errors over {judged['steps']} steps{after}:")
+    reference = judged.reference
+    after = "" if judged.since is None else f", from {judged.since:g} s on"
+    results.print(f"Errors over {judged.steps} steps{after}:")
     table = Table()
     for heading in ("error", "rms", "largest", *(["rms of the reference"] if reference else [])):
         table.add_column(heading, justify="left" if heading == "error" else "right")
-    for name, unit in judged["units"].items():
-        row = [f"{name} / {unit}" if unit else name]
-        row += [number(judged["rms"][name]), number(judged["maximum"][name])]
-        if reference:
-            row.append(number(reference["rms"][name]))
+    for k, error in enumerate(judged.errors):
+        row = [name_of(error.name, error.unit), number(error.rms), number(error.maximum)]
+        if reference is not None:
+            row.append(number(reference.errors[k].rms))
         table.add_row(*row)
     results.print(table)
-    if "below_0.1_degrees" in judged:
-        also = f", reference {reference['below_0.1_degrees']:.2%}" if reference else ""
+    if judged.limit is not None:
+        first = judged.errors[0]
+        also = f", reference {reference.below_limit:.2%}" if reference else ""
         results.print(
-            f"Attitude below 0.1 degrees: {judged['below_0.1_degrees']:.2%} of steps{also}"
+            f"{first.name.capitalize()} below {judged.limit:g} {first.unit}: "
+            f"{judged.below_limit:.2%} of steps{also}"
         )
-    if reference:
+    if reference is not None:
         results.print(
-            f"Ratio of rms to the reference: {number(reference['rms_ratio'])}; largest "
-            f"difference of x: {number(reference['largest_difference_of_x'])}"
+            f"Ratio of rms to the reference: {number(judged.rms_ratio)}; largest "
+            f"difference of x: {number(judged.largest_difference_of_x)}"
         )

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ukf_sw.problems.configurations import CONFIGURATIONS
+from ukf_sw.problems.catalogue import find
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.float_format import FloatFormat
@@ -40,7 +40,12 @@ SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Seed of the data.", rich_help_panel=DATA)
 ]
 P0Option = Annotated[
-    float, typer.Option("--p0", help="First variance of every state.", rich_help_panel=DATA)
+    float | None,
+    typer.Option(
+        "--p0",
+        help="First variance of every state; by default that of the system.",
+        rich_help_panel=DATA,
+    ),
 ]
 InterruptOption = Annotated[
     bool,
@@ -75,13 +80,14 @@ def _switch(label: str) -> str:
 
 def _core_options(*, lists: bool) -> list[inspect.Parameter]:
     """Options of all parameters of a core; if `lists`, each takes many values."""
-    known = ", ".join(CONFIGURATIONS)
     options: dict[str, tuple[Any, Any]] = {
         "configuration": (
             str | None,
             typer.Option(
                 "--config",
-                help=f"{'Configurations' if lists else 'Configuration'}: {known}; or give sizes.",
+                help="Systems of `ukf apps list`, as nanosat,ctrv; or give sizes."
+                if lists
+                else "System of `ukf apps list`, as nanosat; or give sizes.",
                 rich_help_panel=CORE,
             ),
         )
@@ -127,10 +133,7 @@ def _check_given(configuration: str | None, given: Collection[str]) -> None:
 
 def _configured(configuration: str) -> Core:
     """Give the core of a configuration."""
-    if configuration not in CONFIGURATIONS:
-        known = ", ".join(CONFIGURATIONS)
-        raise ValueError(f"--config must be one of {known}, not {configuration!r}")
-    return Core(params=CONFIGURATIONS[configuration].params, configuration=configuration)
+    return Core(params=find(configuration, "--config").params, configuration=configuration)
 
 
 def _core(configuration: str | None, given: Mapping[str, Any]) -> Core:

@@ -97,11 +97,11 @@ def write_testbench(
     """
     _folder(output)
     from ukf_sim.testbench import write
-    from ukf_sw.problems.configurations import Problem
+    from ukf_sw.problems.recipe import Recipe
 
     try:
-        problem = Problem(configuration=core.configuration, params=core.params, seed=seed)
-        files = write(problem, steps, output)
+        recipe = Recipe(name=core.configuration, params=core.params, seed=seed)
+        files = write(recipe, steps, output)
     except ValueError as error:
         fail(str(error))
     except OSError as error:

@@ -1,34 +1,32 @@
 """Command ``ukf run``."""
 
-from enum import Enum
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from ukf_sw.problems.configurations import Problem
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
+    fail,
     needs,
     number,
     print_json,
-    progress_bars,
+    progress_teller,
     results,
 )
-from ukf_tools.cli.judgement import print_accuracy, print_stop
+from ukf_tools.cli.judgement import print_judgement, print_stop
 from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
 
+# What takes long to import is imported by the command itself.
+if TYPE_CHECKING:
+    from ukf_sw.problems.judging import Judgement
+    from ukf_sw.problems.running import Run
+
 __all__ = ["run"]
-
-
-class BackendName(str, Enum):
-    """What computes a run."""
-
-    GOLDEN = "golden"
-    REFERENCE = "reference"
 
 
 @needs()
@@ -36,8 +34,14 @@ class BackendName(str, Enum):
 def run(
     core: Core,
     backend: Annotated[
-        BackendName, typer.Option("--backend", help="What computes.", rich_help_panel=DATA)
-    ] = BackendName.GOLDEN,
+        str,
+        typer.Option(
+            "--backend",
+            metavar="NAME",
+            help="What computes: golden, reference, cosim, uio:NUMBER, pynq:ADDRESS.",
+            rich_help_panel=DATA,
+        ),
+    ] = "golden",
     steps: Annotated[
         int | None,
         typer.Option(
@@ -57,98 +61,102 @@ def run(
             rich_help_panel=DATA,
         ),
     ] = 1,
-    p0: P0Option = 1.0,
+    p0: P0Option = None,
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a scenario on the golden model or on the float64 reference, and judge the estimates.
+    """Run a scenario on any backend, and judge the estimates beside the float64 reference.
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
-    from ukf_sw.problems.judging import Track, accuracy, make_backend, run_problem
+    from ukf_sw.backends import make_backend
+    from ukf_sw.errors import StepError, UkfError
+    from ukf_sw.problems.judging import judge
+    from ukf_sw.problems.recipe import Recipe
+    from ukf_sw.problems.running import run as run_filter
     from ukf_tools.evaluate.plots import plot_errors
 
-    names = tuple(dict.fromkeys((backend.value, "reference")))
-    tracks, records = [], []
-    with progress_bars() as progress:
-        bar = progress.add_task("Starting", total=None)
-        for number in range(runs):
+    seeds = range(seed, seed + runs)
+    found: dict[str, list[Run]] = {name: [] for name in dict.fromkeys((backend, "reference"))}
+    with progress_teller() as tell:
+        for number_of, each in enumerate(seeds, start=1):
             with checked():
-                problem = Problem(
-                    configuration=core.configuration, params=core.params, seed=seed + number, P0=p0
-                )
-                scenario = problem.scenario(steps)
-            found = {}
-            for name in names:
-                what = f"Running the {name}" + f", {number + 1} of {runs}" * (runs > 1)
-                found[name] = run_problem(
-                    make_backend(name, problem),
-                    scenario,
-                    scenario.steps,
-                    lambda done, what=what, total=scenario.steps: progress.update(
-                        bar, description=what, completed=done, total=total
-                    ),
-                )
-            result = found[backend.value]
-            other = None if backend is BackendName.REFERENCE else found["reference"]["x"]
-            tracks.append(Track(scenario, result["x"], other))
-            records.append({
-                "seed": problem.seed,
-                "steps": len(result["x"]),
-                "stopped": result["stopped"],
-                "last_estimate": result["last_x"].tolist(),
-                "accuracy": accuracy(tracks[-1]),
-            })  # fmt: skip
-    record = {
-        "configuration": core.configuration,
-        **core.record(),
-        "backend": backend.value,
-        "P0": p0,
-        "steps_requested": tracks[0].scenario.steps,
-        "runs": records,
-        "accuracy": accuracy(*tracks),
-        "plot": None,
-    }
-    if len(tracks[0].x):
-        estimates = {backend.value: tracks[0].x}
-        if tracks[0].reference is not None:
-            estimates["float64 reference"] = tracks[0].reference[: len(tracks[0].x)]
-        image = plot or Path("build/plots") / f"run-{backend.value}-{core.stem}.png"
-        record["plot"] = str(plot_errors(image, tracks[0].scenario, estimates, core.title))
+                recipe = Recipe(name=core.configuration, params=core.params, seed=each, P0=p0)
+                scenario = recipe.scenario(steps)
+            for name, made in found.items():
+                what = f"Running the {name}" + f", {number_of} of {runs}" * (runs > 1)
+                try:
+                    with checked():
+                        computer = make_backend(name, core.params, core.pipeline)
+                    made.append(
+                        run_filter(
+                            scenario, computer, ends_at=(StepError,), every=200,
+                            progress=partial(tell, what),
+                        )
+                    )  # fmt: skip
+                except UkfError as error:
+                    fail(str(error), 1)
+    own = found[backend]
+    others = None if backend == "reference" else found["reference"]
+    judged = judge(own, others)
+    each_judged = [judge(*pair) for pair in zip(own, others or [None] * runs, strict=True)]
+    image = None
+    if own[0].steps:
+        drawn = {backend: own[0]}
+        if others is not None:
+            drawn["float64 reference"] = others[0]
+        image = plot or Path("build/plots") / f"run-{backend.replace(':', '-')}-{core.stem}.png"
+        plot_errors(image, drawn, core.title)
     if as_json:
-        print_json(record)
+        print_json({
+            "configuration": core.configuration,
+            **core.record(),
+            "backend": backend,
+            "P0": p0,
+            "steps_requested": own[0].scenario.steps,
+            "runs": [
+                _record(*row) for row in zip(seeds, own, each_judged, strict=True)
+            ],
+            "accuracy": judged.as_dict(),
+            "plot": None if image is None else str(image),
+        })  # fmt: skip
     else:
-        _print_runs(record, core.title)
-    if any(one["stopped"] is not None for one in records):
+        wanted = own[0].scenario.steps * runs
+        results.print(f"{core.title}: {sum(one.steps for one in own)} of {wanted} steps")
+        if runs > 1:
+            _print_each(seeds, each_judged)
+        print_judgement(judged)
+        for one in own:
+            print_stop(one)
+        if image is not None:
+            results.print(f"Plot: {image}", soft_wrap=True)
+    if any(one.stop is not None for one in own):
         raise typer.Exit(1)
 
 
-def _print_runs(record: dict[str, Any], title: str) -> None:
-    runs = record["runs"]
-    wanted = record["steps_requested"] * len(runs)
-    results.print(f"{title}: {sum(one['steps'] for one in runs)} of {wanted} steps")
-    if len(runs) > 1:
-        _print_each(runs)
-    print_accuracy(record["accuracy"])
-    for one in runs:
-        print_stop(one)
-    if record["plot"]:
-        results.print(f"Plot: {record['plot']}", soft_wrap=True)
+def _record(seed: int, found: "Run", judged: "Judgement") -> dict[str, Any]:
+    """Describe one run, ready for JSON."""
+    return {
+        "seed": seed,
+        "steps": found.steps,
+        "stopped": None if found.stop is None else found.stop.as_dict(),
+        "last_estimate": None if found.last_x is None else found.last_x.tolist(),
+        "accuracy": judged.as_dict(),
+    }
 
 
-def _print_each(runs: list[dict[str, Any]]) -> None:
+def _print_each(seeds: range, judgements: "list[Judgement]") -> None:
     """Print a line for each run: its first error, beside that of the reference."""
-    judged = [one["accuracy"] for one in runs]
-    name = next((next(iter(one["rms"])) for one in judged if one), "")
-    attitude = any("below_0.1_degrees" in one for one in judged)
-    table = Table("seed", f"rms of {name}", "ratio to the reference")
-    if attitude:
-        table.add_column("below 0.1 degrees")
-    for one, found in zip(runs, judged, strict=True):
-        reference = found.get("reference", {})
-        row = [str(one["seed"]), number(found["rms"][name]) if found else "-"]
-        row.append(number(reference.get("rms_ratio")))
-        if attitude:
-            row.append(f"{found['below_0.1_degrees']:.2%}" if found else "-")
+    first = next((one for one in judgements if one.errors), None)
+    if first is None:
+        return
+    table = Table("seed", f"rms of {first.errors[0].name}", "ratio to the reference")
+    if first.limit is not None:
+        table.add_column(f"below {first.limit:g} {first.errors[0].unit}")
+    for seed, judged in zip(seeds, judgements, strict=True):
+        row = [str(seed), number(judged.errors[0].rms if judged.errors else None)]
+        row.append(number(judged.rms_ratio))
+        if first.limit is not None:
+            row.append("-" if judged.below_limit is None else f"{judged.below_limit:.2%}")
         table.add_row(*row)
     results.print(table)

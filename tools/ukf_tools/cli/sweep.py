@@ -24,7 +24,7 @@ from ukf_tools.cli.options import DATA, with_points
 from ukf_tools.design_space.points import Point
 
 if TYPE_CHECKING:
-    from ukf_tools.design_space.accuracy import Application
+    from ukf_tools.design_space.sweep import Questions
 
 __all__ = ["report", "sweep"]
 
@@ -42,7 +42,7 @@ def sweep(
     accuracy: Annotated[
         str | None,
         typer.Option(
-            help="Application to judge accuracy on: a configuration, or a name of `ukf apps list`.",
+            help="System of `ukf apps list` to judge accuracy on.",
             rich_help_panel=ASK,
         ),
     ] = None,
@@ -83,7 +83,6 @@ def sweep(
     point. Results are kept: what was found once is not computed again, and an interrupted sweep
     goes on where it was. The exit code is 1 if a point failed; the others are not lost.
     """  # fmt: skip
-    from ukf_tools.design_space.accuracy import Application
     from ukf_tools.design_space.cache import Cache
     from ukf_tools.design_space.executors import ClusterExecutor, ExecutorError, LocalExecutor
     from ukf_tools.design_space.rows import Conditions
@@ -96,16 +95,15 @@ def sweep(
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
     with checked():
-        application = None
-        if accuracy is not None:
-            application = Application(name=accuracy, steps=steps, seed=seed)
-            if not any(_fits(application, point) for point in points):
-                raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
         questions = Questions(
             resources=resources,
-            application=application,
+            application=accuracy,
+            steps=steps,
+            seed=seed,
             conditions=Conditions(clock_mhz=clock_mhz, word_clocks=bus_latency),
         )
+        if accuracy is not None and not any(_judges(questions, point) for point in points):
+            raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
     try:
         with checked():
             executor = (
@@ -145,10 +143,10 @@ def sweep(
         raise typer.Exit(1)
 
 
-def _fits(application: "Application", point: Point) -> bool:
-    """Whether a core is legal, and of the sizes of an application."""
+def _judges(questions: "Questions", point: Point) -> bool:
+    """Whether a core is legal, and its accuracy judged."""
     try:
-        return application.fits(point.core.params)
+        return questions.judges(point.core.params)
     except ValueError:
         return False
 

@@ -1,100 +1,26 @@
-"""Accuracy of a core on an application, on the golden model and on the float64 reference."""
+"""Accuracy of a core on a system of the catalogue, ready for the cache of results."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
-import numpy as np
+from ukf_sw.errors import StepError
+from ukf_sw.problems.judging import judge
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import run
 
-from ukf_sw.backends import Backend
-from ukf_sw.drivers.driver import Driver
-from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.catalogue import CATALOGUE
-from ukf_sw.problems.configurations import CONFIGURATIONS, Problem
-from ukf_sw.problems.judging import SETTLED, run_problem
-from ukf_sw.problems.scenario import Scenario
-from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.parameters import UkfParams
-
-__all__ = ["Application", "golden_errors", "reference_errors"]
-
-#: What makes a core fit an application.
-_SIZES = ("n", "m", "q", "r", "process_noise", "observation_noise")
+__all__ = ["measure_accuracy"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Application:
-    """Data that cores are judged on.
+def measure_accuracy(recipe: Recipe, steps: int, backend: str) -> dict[str, Any]:
+    """Run a filter on the beginning of a scenario, and judge it.
 
     Parameters
     ----------
-    name
-        An entry of the catalogue, or a configuration.
+    recipe
+        How to make the scenario; it says the core.
     steps
-        Number of steps.
-    seed
-        Seed of the data.
-
-    Raises
-    ------
-    ValueError
-        If there is no such entry or configuration, or no step.
-    """
-
-    name: str
-    steps: int = 2000
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        known = dict.fromkeys((*CONFIGURATIONS, *CATALOGUE))
-        if self.name not in known:
-            raise ValueError(f"application must be one of {', '.join(known)}, not {self.name!r}")
-        if self.steps < 1:
-            raise ValueError(f"steps must be at least 1, not {self.steps!r}")
-
-    def scenario(self) -> Scenario:
-        """Make the data.
-
-        Raises
-        ------
-        ValueError
-            If the application does not have that many steps.
-        """
-        if self.name in CATALOGUE:
-            return CATALOGUE[self.name].scenario(self.seed, self.steps)
-        params = CONFIGURATIONS[self.name].params
-        problem = Problem(configuration=self.name, params=params, seed=self.seed)
-        return problem.scenario(self.steps)
-
-    @property
-    def settled(self) -> float:
-        """Time from which on errors are judged, in s."""
-        return CATALOGUE[self.name].settled if self.name in CATALOGUE else SETTLED
-
-    def fits(self, params: UkfParams) -> bool:
-        """Whether a core has the sizes and the kinds of noise of this application."""
-        wanted = _params(self.name)
-        return all(getattr(params, name) == getattr(wanted, name) for name in _SIZES)
-
-
-@cache
-def _params(name: str) -> UkfParams:
-    """Parameters of an application; an entry of the catalogue says them with its data only."""
-    if name in CONFIGURATIONS:
-        return CONFIGURATIONS[name].params
-    return CATALOGUE[name].scenario(0, 1).params
-
-
-def golden_errors(application: Application, params: UkfParams) -> dict[str, Any]:
-    """Run an application on the golden model of a core.
-
-    Parameters
-    ----------
-    application
-        The application.
-    params
-        The core.
+        How many steps.
+    backend
+        "golden" or "reference".
 
     Returns
     -------
@@ -106,37 +32,14 @@ def golden_errors(application: Application, params: UkfParams) -> dict[str, Any]
     Raises
     ------
     ValueError
-        If the core does not have the sizes of the application.
+        If the scenario does not have that many steps.
     """
-    return _errors(application, params, lambda p: Driver(GoldenBus(GoldenCore(p)), p))
-
-
-def reference_errors(application: Application, params: UkfParams) -> dict[str, Any]:
-    """Run an application on the float64 reference; see :func:`golden_errors`."""
-    return _errors(application, params, ReferenceUkf)
-
-
-def _errors(
-    application: Application, params: UkfParams, backend: Callable[[UkfParams], Backend]
-) -> dict[str, Any]:
-    if not application.fits(params):
-        raise ValueError(f"the core must have the sizes of {application.name}, {_SIZES}")
-    scenario = replace(application.scenario(), params=params)
-    result = run_problem(backend(params), scenario, scenario.steps)
-    stopped = result["stopped"]
-    rms = None
-    if stopped is None:
-        judged = scenario.times > application.settled
-        if not judged.any():
-            judged[:] = True
-        if scenario.judged is not None and (judged & scenario.judged).any():
-            judged &= scenario.judged
-        errors = scenario.error(result["x"], scenario.truth)[judged]
-        rms = np.sqrt(np.mean(errors**2, axis=0)).tolist()
+    found = run(recipe.scenario(steps), backend, ends_at=(StepError,))
+    scenario = found.scenario
     return {
         "names": list(scenario.error_names),
         "units": list(scenario.error_units),
-        "rms": rms,
-        "steps": len(result["x"]),
-        "stopped": stopped,
+        "rms": judge(found).rms.tolist() or None if found.stop is None else None,
+        "steps": found.steps,
+        "stopped": None if found.stop is None else found.stop.as_dict(),
     }

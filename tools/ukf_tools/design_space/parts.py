@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ukf_hdl.generate import without_header
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
-from ukf_tools.design_space.accuracy import Application, golden_errors, reference_errors
+from ukf_tools.design_space.accuracy import measure_accuracy
 from ukf_tools.design_space.cache import Cache, key_of
 from ukf_tools.design_space.sources import digest
 from ukf_tools.design_space.traffic import count_words
@@ -253,55 +254,62 @@ class Routing(Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Accuracy(Part):
-    """Errors of the golden model on an application. Pipeline depths do not matter.
+    """Errors of the golden model on a system. Pipeline depths do not matter.
 
     Parameters
     ----------
-    application, params
+    recipe
         What runs, and on which core.
+    steps
+        How many steps.
     """
 
     kind: ClassVar[str] = "accuracy"
-    application: Application
-    params: UkfParams
+    recipe: Recipe
+    steps: int
 
     def identity(self) -> dict[str, Any]:
-        """Application, parameters, and the sources of applications and golden model."""
+        """System, parameters, and the sources of systems and golden model."""
+        recipe = self.recipe
         return {
-            "application": asdict(self.application),
-            "core": _computed(self.params),
+            "application": {
+                "name": recipe.name, "seed": recipe.seed, "P0": recipe.P0, "steps": self.steps,
+            },
+            "core": _computed(recipe.params),
             "sources": digest("ukf_tools.design_space.accuracy"),
             "numpy": version("numpy"),
-        }
+        }  # fmt: skip
 
     def compute(self) -> dict[str, Any]:
         """Run it."""
-        return golden_errors(self.application, self.params)
+        return measure_accuracy(self.recipe, self.steps, "golden")
 
     @property
     def cost(self) -> float:
         """Grows with the steps; the golden model does about a thousand a second."""
-        return 2.0 + self.application.steps / 1000
+        return 2.0 + self.steps / 1000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Accuracy):
-    """Errors of the float64 reference on an application; make it by :meth:`of`.
+    """Errors of the float64 reference on a system; make it by :meth:`of`.
 
     Parameters
     ----------
-    application, params
+    recipe
         What runs, and on which sizes.
+    steps
+        How many steps.
     """
 
     kind: ClassVar[str] = "reference"
 
     @classmethod
-    def of(cls, application: Application, params: UkfParams) -> "Reference":
+    def of(cls, recipe: Recipe, steps: int) -> "Reference":
         """Part of a core, without what the reference does not depend on."""
-        plain = replace(params, pes=1, form=Form.SQUARE_ROOT, format=BINARY32)
-        return cls(application=application, params=plain)
+        plain = replace(recipe.params, pes=1, form=Form.SQUARE_ROOT, format=BINARY32)
+        return cls(recipe=replace(recipe, params=plain), steps=steps)
 
     def compute(self) -> dict[str, Any]:
         """Run it."""
-        return reference_errors(self.application, self.params)
+        return measure_accuracy(self.recipe, self.steps, "reference")

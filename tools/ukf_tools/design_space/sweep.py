@@ -5,7 +5,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ukf_tools.design_space.accuracy import Application
+from ukf_sw.problems.catalogue import find as find_entry
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.design_space.cache import Cache
 from ukf_tools.design_space.executors import Executor, FailedPart
 from ukf_tools.design_space.parts import (
@@ -34,14 +36,33 @@ class Questions:
     resources
         Whether to synthesise.
     application
-        What to judge accuracy on, or None. Cores of other sizes are not judged.
+        Entry of the catalogue to judge accuracy on, or None. Cores of other sizes are not judged.
+    steps, seed
+        Steps of it, and seed of its data.
     conditions
         Clock and bus.
+
+    Raises
+    ------
+    ValueError
+        If there is no such entry, or no step.
     """
 
     resources: bool = True
-    application: Application | None = None
+    application: str | None = None
+    steps: int = 2000
+    seed: int = 0
     conditions: Conditions = field(default_factory=Conditions)
+
+    def __post_init__(self) -> None:
+        if self.application is not None:
+            find_entry(self.application, "application")
+        if self.steps < 1:
+            raise ValueError(f"steps must be at least 1, not {self.steps!r}")
+
+    def judges(self, params: UkfParams) -> bool:
+        """Whether accuracy is judged of a core of these sizes."""
+        return self.application is not None and find_entry(self.application).fits(params)
 
     def parts(self, point: Point) -> dict[str, Part]:
         """Give the parts of a point, by name.
@@ -59,10 +80,10 @@ class Questions:
         }
         if self.resources:
             parts["resources"] = Synthesis(params=params, pipeline=pipeline)
-        application = self.application
-        if application is not None and application.fits(params):
-            parts["accuracy"] = Accuracy(application=application, params=params)
-            parts["reference"] = Reference.of(application, params)
+        if self.judges(params):
+            recipe = Recipe(name=self.application, params=params, seed=self.seed)
+            parts["accuracy"] = Accuracy(recipe=recipe, steps=self.steps)
+            parts["reference"] = Reference.of(recipe, self.steps)
         return parts
 
 
@@ -178,6 +199,6 @@ def _row(
     if illegal is not None:
         failures["core"] = illegal
     row = figures(point, good, failures, questions.conditions)
-    if "accuracy" in parts and questions.application is not None:
-        row["application"] = questions.application.name
+    if "accuracy" in parts:
+        row["application"] = questions.application
     return row

@@ -1,18 +1,17 @@
 """Bus words of an iteration, counted by the driver."""
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import asdict, replace
 
-from ukf_sw.drivers.driver import Driver
-from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.configurations import random_scenario
-from ukf_sw.problems.judging import iterate
+from ukf_sw.backends import golden_driver
+from ukf_sw.drivers.driver import Traffic
+from ukf_sw.problems.running import run
+from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.parameters import Form, UkfParams
 
 __all__ = ["count_words"]
 
 
-def count_words(params: UkfParams) -> dict[str, Any]:
+def count_words(params: UkfParams) -> dict[str, int]:
     """Count the bus words of an iteration: the driver drives the golden model, and counts.
 
     They depend on sizes, kinds of noise, and the words of a number only. Sigma points are not
@@ -39,16 +38,8 @@ def count_words(params: UkfParams) -> dict[str, Any]:
     quick = replace(params, pes=params.columns, form=Form.SQUARE_ROOT)
     # Sigma points are drawn once an iteration, as the cycles of an iteration assume.
     scenario = replace(random_scenario(quick, steps=2), redraw=False)
-    driver = Driver(GoldenBus(GoldenCore(quick)), quick)
-    ukf = scenario.filter(driver)
-    before = driver.traffic
+    driver = golden_driver(quick)
+    counts: list[Traffic] = []
+    run(scenario, driver, after_step=lambda done, ukf: counts.append(driver.traffic))
     # The first iteration enables the core as well; the second is like all others.
-    for _ in iterate(ukf, scenario, 2):
-        _ = ukf.x
-        before, last = driver.traffic, driver.traffic - before
-    return {
-        "words_read": last.words_read,
-        "words_written": last.words_written,
-        "control_reads": last.control_reads,
-        "control_writes": last.control_writes,
-    }
+    return asdict(counts[2] - counts[1])

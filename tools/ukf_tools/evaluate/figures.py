@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ukf_sw.problems.catalogue import Entry
-from ukf_sw.problems.judging import LIMIT
-from ukf_sw.problems.scenario import Results
-from ukf_sw.problems.systems.nanosat import attitude_error
+from ukf_sw.problems.running import Run
+from ukf_sw.problems.systems.nanosat import LIMIT, attitude_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ DOTS, COLOURS = 90, 24
 #: Line styles of the estimates, in order: the second is seen on top of the first.
 STYLES = ({"color": "C0", "linewidth": 1.6}, {"color": "C1", "linewidth": 0.9, "linestyle": "--"})
 
-Estimates = Mapping[str, Results]
+Estimates = Mapping[str, Run]
 
 
 def make_figure(
@@ -83,7 +82,7 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
     entry
         The entry.
     estimates
-        Results of the same scenario by the name of what computed them.
+        Runs of the same scenario by the name of what computed them.
 
     Returns
     -------
@@ -94,18 +93,18 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
     scenario = first.scenario
     begin, end = float(first.times[0]), float(first.times[-1])
     # Where nothing is known about it, a twentieth of the run is taken for the filter to settle.
-    settled_at = entry.settled if np.isfinite(entry.settled) else begin + 0.05 * (end - begin)
+    settled_at = scenario.settled if np.isfinite(scenario.settled) else begin + 0.05 * (end - begin)
     count = len(scenario.error_names)
     figure, panels = make_figure((8.0, 1.4 + 1.5 * count), count, share_x=True)
     thinned = False
     for k, (name, unit) in enumerate(zip(scenario.error_names, scenario.error_units, strict=True)):
         panel = panels[k]
-        for style, (label, results) in zip(STYLES, estimates.items(), strict=False):
-            errors = results.errors[:, k].copy()
+        for style, (label, found) in zip(STYLES, estimates.items(), strict=False):
+            errors = found.errors[:, k].copy()
             if scenario.judged is not None:
                 errors[~scenario.judged[: len(errors)]] = np.nan
-            times, values = _thin(results.times, errors)
-            thinned |= len(times) < len(results.times)
+            times, values = _thin(found.times, errors)
+            thinned |= len(times) < found.steps
             marker = "." if len(times) <= 50 else None
             panel.plot(times, values, label=label, marker=marker, **style)
         panel.set_ylabel(f"{name} / {unit}" if unit else name)
@@ -118,7 +117,7 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
     panels[-1].set_xlabel("time / s")
     panels[0].set_title(f"{entry.name}: errors of the estimates", fontsize=10)
     peaks = f" Drawn are the largest errors of {POINTS} stretches of time." if thinned else ""
-    caption = f"{entry.doc} Source: {entry.source}. {len(first.times)} steps.{peaks}"
+    caption = f"{entry.doc} Source: {entry.source}. {first.steps} steps.{peaks}"
     return save(figure, file, caption)
 
 
@@ -127,9 +126,9 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
 
 def _draw_attitude(panel: "Axes", estimates: Estimates, until: float) -> None:
     """Draw total attitude errors up to a time."""
-    for style, (label, results) in zip(STYLES, estimates.items(), strict=False):
-        chosen = results.times <= until + 1e-9
-        times, errors = _thin(results.times[chosen], results.errors[chosen, 0])
+    for style, (label, found) in zip(STYLES, estimates.items(), strict=False):
+        chosen = found.times <= until + 1e-9
+        times, errors = _thin(found.times[chosen], found.errors[chosen, 0])
         panel.plot(times, errors, label=label, **style)
     panel.axhline(LIMIT, color="0.5", linewidth=0.8, linestyle=":", label=f"{LIMIT} degrees")
     panel.set_xlim(0.0, until)
@@ -158,9 +157,9 @@ def _draw_whole(file: Path, estimates: Estimates, caption: str) -> Path:
     return save(figure, file, caption)
 
 
-def _draw_gyroscope(file: Path, results: Results, caption: str) -> Path:
+def _draw_gyroscope(file: Path, found: Run, caption: str) -> Path:
     """Draw the true rates of the body, and those that the gyroscope gives."""
-    scenario = results.scenario
+    scenario = found.scenario
     every = max(1, scenario.steps // POINTS)
     # The input of a step is the sample before it; truth holds attitude and bias after it.
     times, measured = scenario.times[:-1:every], np.degrees(np.asarray(scenario.inputs)[1::every])
@@ -236,7 +235,7 @@ def draw(folder: Path, entry: Entry, backend: str, estimates: Estimates) -> list
     backend
         What computed, for the name of the file.
     estimates
-        Results of the same scenario by the name of what computed them.
+        Runs of the same scenario by the name of what computed them.
 
     Returns
     -------

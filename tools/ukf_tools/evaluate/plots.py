@@ -4,27 +4,21 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ukf_sw.problems.judging import LIMIT
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problems.running import Run
 
 __all__ = ["plot_errors"]
 
 
-def plot_errors(
-    file: Path, scenario: Scenario, estimates: Mapping[str, NDArray[np.float64]], title: str
-) -> Path:
-    """Draw the errors of filters over time.
+def plot_errors(file: Path, runs: Mapping[str, Run], title: str) -> Path:
+    """Draw an error of filters over time: the first one, or the norm of those without a unit.
 
     Parameters
     ----------
     file
         Image to write; its folder is made if absent.
-    scenario
-        The scenario.
-    estimates
-        Estimates of its first steps, shape (K, n), by the name of the filter.
+    runs
+        Runs of the same scenario by the name of what computed them; one at least.
     title
         Title.
 
@@ -40,18 +34,21 @@ def plot_errors(
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    attitude = scenario.error_units[0] == "degrees"
-    styles = ("-", "--", ":")
-    for style, (name, x) in zip(styles, estimates.items(), strict=False):
-        errors = scenario.error(x, scenario.truth[: len(x)])
-        size = errors[:, 0] if attitude else np.linalg.norm(errors, axis=1)
-        marker = "." if len(x) <= 50 else None
-        axes.plot(scenario.times[: len(x)], size, style, label=name, marker=marker, linewidth=1.2)
-    if attitude:
-        axes.axhline(LIMIT, color="0.6", linewidth=0.8, label=f"{LIMIT} degrees")
+    scenario = next(iter(runs.values())).scenario
+    unit = scenario.error_units[0]
+    steps = max(found.steps for found in runs.values())
+    for style, (name, found) in zip(("-", "--", ":"), runs.items(), strict=False):
+        size = np.abs(found.errors[:, 0]) if unit else np.linalg.norm(found.errors, axis=1)
+        marker = "." if steps <= 50 else None
+        axes.plot(found.times, size, style, label=name, marker=marker, linewidth=1.2)
+    if scenario.limit is not None:
+        label = f"{scenario.limit:g} {unit}"
+        axes.axhline(scenario.limit, color="0.6", linewidth=0.8, label=label)
     axes.set_yscale("log")
-    axes.set_xlabel("time / s" if attitude else "step")
-    axes.set_ylabel("attitude error / degrees" if attitude else "norm of the error of x")
+    axes.set_xlabel("time / s" if unit else "step")
+    axes.set_ylabel(
+        f"{scenario.error_names[0]} error / {unit}" if unit else "norm of the error of x"
+    )  # fmt: skip
     axes.set_title(title, fontsize=10)
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend()

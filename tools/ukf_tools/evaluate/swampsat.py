@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ukf_sw.backends import Backend
-from ukf_sw.problems.catalogue import CATALOGUE, SWAMPSAT_STUDY, Verdict
+from ukf_sw.problems.catalogue import CATALOGUE, SWAMPSAT_STUDY
+from ukf_sw.problems.judging import Verdict
 from ukf_sw.problems.systems.swampsat.flight import SETTINGS, Flight, SwampsatSettings, simulate
 from ukf_sw.problems.systems.swampsat.link import LinkSettings
 from ukf_sw.problems.systems.swampsat.platform import PlatformSettings, run_platform
@@ -30,8 +31,8 @@ from ukf_sw.problems.systems.swampsat.study import (
     run_quest,
     run_ukf,
 )
+from ukf_tools.evaluate.evaluation import Evaluation
 from ukf_tools.evaluate.figures import make_figure, save
-from ukf_tools.evaluate.runner import describe_verdict
 from ukf_tools.evaluate.workers import check_workers, mapper
 
 if TYPE_CHECKING:
@@ -42,12 +43,12 @@ __all__ = [
     "DELAYS",
     "DIVERGED",
     "LOSSES",
-    "judge",
+    "compare",
+    "evaluate_study",
     "plot_study",
     "run_eclipse",
     "run_platform_study",
     "run_study",
-    "study_record",
     "table",
 ]
 
@@ -384,7 +385,7 @@ def run_eclipse(
     } | {"duration_s": ORBIT, "interval_s": REQUESTS, "seeds": list(chosen)}
 
 
-def judge(results: dict[str, Any]) -> list[tuple[str, Verdict]]:
+def compare(results: dict[str, Any]) -> tuple[Verdict, ...]:
     """Compare a study with what is known.
 
     Parameters
@@ -394,52 +395,44 @@ def judge(results: dict[str, Any]) -> list[tuple[str, Verdict]]:
 
     Returns
     -------
-    list of (str, Verdict)
+    tuple of Verdict
         For each bound of :data:`ukf_sw.problems.catalogue.SWAMPSAT_STUDY` about a case of the
-        study: what it is about, and the verdict.
+        study; the error names case and estimator.
     """
     found = {row["name"]: row for row in results["rows"]}
     for point in results.get("platform", {}).get("delays", ()):
         found[f"latency {point['latency_s']:g} s"] = point
-    verdicts: list[tuple[str, Verdict]] = []
+    verdicts: list[Verdict] = []
     for (case, column), bound in SWAMPSAT_STUDY.items():
         if column in found.get(case, {}):
             value = found[case][column][bound.measure]
-            verdict = Verdict(bound=bound, value=float("inf") if value is None else float(value))
-            verdicts.append((f"{case}, {_label(column)}", verdict))
-    return verdicts
+            verdicts.append(
+                Verdict(
+                    bound=replace(bound, error=f"{case}, {_label(column)}"),
+                    value=float("inf") if value is None else float(value),
+                    unit="" if bound.measure == "diverged" else results["unit"],
+                )
+            )
+    return tuple(verdicts)
 
 
-def study_record(results: dict[str, Any]) -> dict[str, Any]:
-    """Describe a study as :func:`ukf_tools.evaluate.runner.run_entry` describes a run.
+def evaluate_study(results: dict[str, Any]) -> Evaluation:
+    """Evaluate a study as an entry of the catalogue is.
 
     Parameters
     ----------
     results
-        What :func:`run_study` returned, or the same from a JSON file.
-
-    Returns
-    -------
-    dict
-        Ready for JSON. Only a study of whole flights with at least five seeds is judged.
+        What :func:`run_study` returned, or the same from a JSON file. Only a study of whole flights
+        with at least five seeds is compared with its bounds.
     """
-    judged = results["duration_s"] == SETTINGS.duration and len(results["seeds"]) >= 5
-    verdicts: list[dict[str, Any]] = []
-    errors: list[dict[str, Any]] = []
-    for name, verdict in judge(results) if judged else ():
-        unit = "" if verdict.bound.measure == "diverged" else results["unit"]
-        verdicts.append(
-            describe_verdict(verdict) | {"error": name, "value": _number(verdict.value)}
-        )
-        errors.append({"error": name, "unit": unit, "float64_rms": None})
+    whole = results["duration_s"] == SETTINGS.duration and len(results["seeds"]) >= 5
     entry = CATALOGUE["swampsat"]
-    return {
-        "name": "swampsat study", "doc": entry.doc, "source": entry.source, "backend": "golden",
-        "seed": results["seeds"][0], "runs": len(results["seeds"]),
-        "steps": round(results["duration_s"] / SETTINGS.dt), "settled": results["settled_after_s"],
-        "stopped": None, "errors": errors, "judged": judged, "verdicts": verdicts, "plots": [],
-        "okay": all(verdict["okay"] for verdict in verdicts),
-    }  # fmt: skip
+    return Evaluation(
+        name="swampsat study", doc=entry.doc, source=entry.source, backend="golden",
+        seed=results["seeds"][0], runs=len(results["seeds"]),
+        steps=round(results["duration_s"] / SETTINGS.dt), settled=results["settled_after_s"],
+        verdicts=compare(results) if whole else None,
+    )  # fmt: skip
 
 
 def table(results: dict[str, Any]) -> list[list[str]]:

@@ -27,6 +27,8 @@ DT = 0.01
 FIX_EVERY = 20
 #: Steps of the whole scenario.
 STEPS = 12_000
+#: The filter has settled by then, in seconds.
+SETTLED = 30.0
 
 GRAVITY = 9.80665
 #: Standard deviations of a sample: m/s^2, rad/s; of the drift of the biases in a step.
@@ -196,4 +198,5 @@ def gps_ins(seed: int = 0, *, steps: int | None = None) -> Scenario:
         error_names=("position", "velocity", "angles"),
         error_units=("m", "m/s", "degrees"),
         state_angles=(6, 7, 8),
+        settled=SETTLED,
     )

@@ -51,6 +51,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: The filter has settled by then, in seconds.
+SETTLED = 1.0
+#: Attitude error that the filter should stay below, in degrees.
+LIMIT = 0.1
+
 #: The papers' filter: all noise augmented, M = 20, N = 22.
 NANOSAT = UkfParams(n=7, m=6, q=7, r=6)
 #: The same with additive noise: N = 9.
@@ -440,6 +445,8 @@ def _simulate(
         error=attitude_error,
         error_names=("attitude", "x", "y", "z"),
         error_units=("degrees",) * 4,
+        settled=SETTLED,
+        limit=LIMIT,
     )
 
 

@@ -121,7 +121,7 @@ def swampsat(
     Returns
     -------
     Scenario
-        As :func:`scenario_of`.
+        As :func:`scenario_of`; errors count in the second half of the whole duration.
 
     Raises
     ------
@@ -131,4 +131,4 @@ def swampsat(
     chosen = Sampling(interval=2.0) if sampling is None else sampling
     count = check_steps(steps, settings.steps)
     flight = simulate(seed, replace(settings, duration=count * settings.dt))
-    return scenario_of(flight, chosen, params)
+    return replace(scenario_of(flight, chosen, params), settled=settings.duration / 2.0)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend
 from ukf_sw.errors import UkfError
-from ukf_sw.problems.scenario import run
+from ukf_sw.problems.judging import steps_after
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import attitude_error
 from ukf_sw.problems.systems.swampsat.ekf import MurrellEkf
 from ukf_sw.problems.systems.swampsat.flight import CALIBRATED, SETTINGS, Flight, SwampsatSettings
@@ -116,9 +117,7 @@ class Errors:
         ValueError
             If there is no such time.
         """
-        chosen = self.times > after
-        if not chosen.any():
-            raise ValueError(f"after must be less than {float(self.times[-1])} s, not {after!r}")
+        chosen = steps_after(self.times, after)
         if self.failed is not None:
             return float("inf")
         return float(np.sqrt(np.mean(self.attitude[chosen] ** 2)))
@@ -258,7 +257,7 @@ def run_ukf(
     params
         As for :func:`ukf_sw.problems.systems.swampsat.scenario.scenario_of`.
     progress
-        As for :func:`ukf_sw.problems.scenario.run`.
+        As for :func:`ukf_sw.problems.running.run`.
 
     Returns
     -------
@@ -266,10 +265,10 @@ def run_ukf(
         At the end of every slot. A filter that breaks off is an outcome: see its ``failed``.
     """
     scenario = scenario_of(flight, sampling, params)
-    try:
-        results = run(scenario, backend, progress=progress, every=1000)
-    except UkfError as error:
+    found = run(scenario, backend, ends_at=(UkfError,), progress=progress, every=1000)
+    if found.stop is not None:
         empty = np.full((flight.steps, 3), np.nan)
-        return Errors(times=scenario.times, attitude=empty[:, 0], bias=empty, failed=str(error))
-    bias = np.degrees(results.x[:, 4:] - flight.bias[1:])
-    return Errors(times=results.times, attitude=results.errors[:, 0], bias=bias)
+        failed = found.stop.message
+        return Errors(times=scenario.times, attitude=empty[:, 0], bias=empty, failed=failed)
+    bias = np.degrees(found.x[:, 4:] - flight.bias[1:])
+    return Errors(times=found.times, attitude=found.errors[:, 0], bias=bias)

@@ -1,0 +1,248 @@
+"""Running a filter on a scenario: the one loop, on any backend.
+
+::
+
+    from ukf_sw.problems.running import run
+
+    found = run(scenario, "golden")
+    print(found.x[-1], found.errors[-1])
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ukf_sw.backends import Backend, make_backend
+from ukf_sw.errors import (
+    IllegalStepError,
+    NotFiniteError,
+    NotPositiveDefiniteError,
+    SingularObservationError,
+    StepError,
+)
+from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.problems.scenario import Scenario
+from ukf_sw.spec.registers import ErrorCode
+
+__all__ = ["Estimates", "Run", "Stop", "run"]
+
+_CODES: dict[type[Exception], ErrorCode] = {
+    IllegalStepError: ErrorCode.ILLEGAL_STEP,
+    NotFiniteError: ErrorCode.NOT_FINITE,
+    SingularObservationError: ErrorCode.SINGULAR_OBSERVATION,
+    NotPositiveDefiniteError: ErrorCode.NOT_POSITIVE_DEFINITE,
+}
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stop:
+    """The error that ended a run.
+
+    Parameters
+    ----------
+    iteration
+        Number of steps of the scenario that had succeeded.
+    kind
+        Class of the error.
+    message
+        What it said.
+    step
+        Name of the core's step that failed, or None if it was not one.
+    code, index
+        Fields of the register ERROR, or None where the error has none.
+    """
+
+    iteration: int
+    kind: type[Exception]
+    message: str
+    step: str | None = None
+    code: int | None = None
+    index: int | None = None
+
+    @classmethod
+    def of(cls, error: Exception, iteration: int) -> "Stop":
+        """Describe an error that came after so many steps of the scenario."""
+        code = _CODES.get(type(error))
+        return cls(
+            iteration=iteration,
+            kind=type(error),
+            message=str(error),
+            step=error.step.name if isinstance(error, StepError) else None,
+            code=getattr(error, "code", None) if code is None else int(code),
+            index=getattr(error, "index", None),
+        )
+
+    @property
+    def error(self) -> str:
+        """Name of the core's error code, or else of the class."""
+        return _CODES[self.kind].name if self.kind in _CODES else self.kind.__name__
+
+    def as_dict(self) -> dict[str, Any]:
+        """What is known about it, ready for JSON."""
+        return {
+            "iteration": self.iteration, "step": self.step, "error": self.error,
+            "code": self.code, "index": self.index, "message": self.message,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimates:
+    """What a filter gave for K steps; unlike a :class:`Run` it passes between processes.
+
+    Parameters
+    ----------
+    x
+        Estimate after each step, shape (K, n).
+    nis
+        Normalised innovation squared of each step, shape (K,); NaN where nothing was sampled.
+    gated
+        Whether the update was rejected, shape (K,).
+    stop
+        The error that ended the run, or None.
+    last_x
+        Estimate at the end, shape (n,): after a failed step the one that the core still has. None
+        if there is none.
+    P
+        Covariance at the end, shape (n, n), if it was asked for and the run came to its end.
+    """
+
+    x: Array
+    nis: Array = field(repr=False)
+    gated: NDArray[np.bool_] = field(repr=False)
+    stop: Stop | None = None
+    last_x: Array | None = field(default=None, repr=False)
+    P: Array | None = field(default=None, repr=False)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps that were done, K."""
+        return len(self.x)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run(Estimates):
+    """What a filter made of a scenario; :func:`ukf_sw.problems.judging.judge` judges it.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    """
+
+    scenario: Scenario
+
+    @property
+    def times(self) -> Array:
+        """Time of each step that was done, shape (K,), in seconds."""
+        return self.scenario.times[: self.steps]
+
+    @cached_property
+    def errors(self) -> Array:
+        """Errors of the estimates, shape (K, e); names and units are those of the scenario."""
+        return self.scenario.error(self.x, self.scenario.truth[: self.steps])
+
+    @property
+    def estimates(self) -> Estimates:
+        """The same without the scenario."""
+        return Estimates(**{item.name: getattr(self, item.name) for item in fields(Estimates)})
+
+    @classmethod
+    def of(cls, scenario: Scenario, estimates: Estimates) -> "Run":
+        """Put estimates and their scenario together again."""
+        found = {item.name: getattr(estimates, item.name) for item in fields(Estimates)}
+        return cls(scenario=scenario, **found)
+
+
+def run(
+    scenario: Scenario,
+    backend: Backend | str = "reference",
+    *,
+    steps: int | None = None,
+    ends_at: tuple[type[Exception], ...] = (),
+    covariance: bool = False,
+    after_step: Callable[[int, UnscentedKalmanFilter], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    every: int = 100,
+) -> Run:
+    """Run a filter on a scenario.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    backend
+        What computes: see :class:`ukf_sw.filter.UnscentedKalmanFilter`.
+    steps
+        How many steps; None is all.
+    ends_at
+        Errors that end the run and stand in its ``stop``; all others are raised.
+    covariance
+        Whether to take P at the end. A core computes it in a step of its own.
+    after_step
+        Called with the number of steps done and the filter: with 0 when the filter has started, and
+        after each step.
+    progress
+        Called with the steps done and their total, every so many steps and at the end.
+    every
+        How many steps.
+
+    Returns
+    -------
+    Run
+        Of the steps before the error, if one ended it.
+
+    Raises
+    ------
+    ValueError
+        If there are not that many steps.
+    UkfError
+        If a step of the filter fails and `ends_at` does not have it.
+    """
+    total = scenario.steps if steps is None else steps
+    if not 1 <= total <= scenario.steps:
+        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
+    computer = make_backend(backend, scenario.params) if isinstance(backend, str) else backend
+    x = np.empty((total, scenario.params.n))
+    nis = np.full(total, np.nan)
+    gated = np.zeros(total, dtype=np.bool_)
+    done, stop = 0, None
+    last_x = last_P = None
+    try:
+        ukf = scenario.filter(computer)
+        if after_step is not None:
+            after_step(0, ukf)
+        for k in range(total):
+            ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
+            mask = None if scenario.sampled is None else scenario.sampled[k]
+            if mask is None or mask.any():
+                extra = scenario.observation_arguments
+                arguments: Mapping[str, Any] = {} if extra is None else extra[k]
+                ukf.update(scenario.measurements[k], mask=mask, **arguments)
+                nis[k], gated[k] = ukf.nis, ukf.gated
+            last_x = x[k] = ukf.x
+            done = k + 1
+            if after_step is not None:
+                after_step(done, ukf)
+            if progress is not None and (done % every == 0 or done == total):
+                progress(done, total)
+        if covariance:
+            last_P = ukf.P
+    except ends_at as error:
+        stop = Stop.of(error, done)
+        if isinstance(error, StepError):
+            last_x = computer.state()
+    return Run(
+        scenario=scenario,
+        x=x[:done],
+        nis=nis[:done],
+        gated=gated[:done],
+        stop=stop,
+        last_x=last_x,
+        P=last_P,
+    )

@@ -1,0 +1,344 @@
+"""Evaluating entries of the catalogue: run on a backend, judged, compared with their bounds."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ukf_sim.cosimulation import Observations, cosimulate
+from ukf_sim.session import CACHE
+from ukf_sim.simulators import Simulator
+from ukf_sw.errors import UkfError
+from ukf_sw.extras import MissingExtraError
+from ukf_sw.problems.catalogue import CATALOGUE, Entry, find
+from ukf_sw.problems.judging import Judgement, Verdict, judge
+from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import Run, run
+from ukf_tools.evaluate.figures import draw, draw_errors
+from ukf_tools.evaluate.workers import mapper
+
+__all__ = ["BACKENDS", "Evaluation", "evaluate", "evaluate_all", "evaluate_in_simulator"]
+
+#: What can compute an entry.
+BACKENDS = ("reference", "golden", "cosim")
+#: Steps of a co-simulation unless told otherwise; slow sensors have a sample by then.
+COSIM_STEPS = 30
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """What came of an entry. It passes between processes.
+
+    Parameters
+    ----------
+    name, doc, source
+        The entry.
+    backend
+        What computed.
+    seed, runs
+        Seed of the first run, and number of runs.
+    steps
+        Steps of each run; None if there is no whole one.
+    settled
+        Time after which errors were judged, in seconds, or None.
+    judgement
+        Errors, those of the float64 reference beside them; None if a run stopped, or of a study.
+    verdicts
+        Comparison with the bounds, which are those of whole runs; None if it was not made.
+    stopped
+        Why a run ended early, or None.
+    pes
+        Processing elements of the simulated core, or None.
+    observed
+        What was seen of it, or None.
+    plots
+        Figures.
+    seconds
+        How long it took.
+    """
+
+    name: str
+    doc: str
+    source: str
+    backend: str
+    seed: int
+    runs: int
+    steps: int | None
+    settled: float | None = None
+    judgement: Judgement | None = None
+    verdicts: tuple[Verdict, ...] | None = None
+    stopped: str | None = None
+    pes: int | None = None
+    observed: Observations | None = None
+    plots: tuple[Path, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def okay(self) -> bool:
+        """Whether nothing is wrong.
+
+        No error of the core, no mismatch, and whatever was compared is within its bounds.
+        """
+        if self.stopped is not None:
+            return False
+        if self.observed is not None and self.observed.mismatch is not None:
+            return False
+        return all(verdict.okay for verdict in self.verdicts or ())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give all of it, ready for JSON."""
+        record: dict[str, Any] = {
+            "name": self.name, "doc": self.doc, "source": self.source, "backend": self.backend,
+            "seed": self.seed, "runs": self.runs, "steps": self.steps, "settled": self.settled,
+            "stopped": self.stopped,
+            "errors": [] if self.judgement is None else self.judgement.as_dict()["errors"],
+            "judged": self.verdicts is not None,
+            "verdicts": [verdict.as_dict() for verdict in self.verdicts or ()],
+            "plots": [str(plot) for plot in self.plots],
+            "okay": self.okay, "seconds": self.seconds,
+        }  # fmt: skip
+        observed = self.observed
+        if observed is not None:
+            record |= {
+                "mismatch": observed.mismatch, "words_compared": observed.words_compared,
+                "pes": self.pes, "cycles": observed.cycles, "traffic": asdict(observed.traffic),
+            }  # fmt: skip
+        return record
+
+
+def _describe(entry: Entry) -> dict[str, str]:
+    return {"name": entry.name, "doc": entry.doc, "source": entry.source}
+
+
+def evaluate(
+    name: str,
+    backend: str = "golden",
+    *,
+    steps: int | None = None,
+    seed: int = 0,
+    output: Path | None = None,
+    cache: Path = CACHE,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Run an entry, judge it beside the float64 reference on the same data, compare with bounds.
+
+    Parameters
+    ----------
+    name
+        Name of the entry.
+    backend
+        "reference", "golden", or "cosim": the Verilog, in lockstep with the golden model.
+    steps
+        How many; None is all, or a few for "cosim". Bounds are those of whole runs only.
+    seed
+        Seed of the first run.
+    output
+        Folder of the figure; None is none.
+    cache
+        Folder of compiled cores.
+    progress
+        Called with what runs, steps done and their total.
+
+    Raises
+    ------
+    ValueError
+        If there is no such entry or backend, or it has fewer steps.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    if backend not in BACKENDS:
+        raise ValueError(f"--backend must be one of {', '.join(BACKENDS)}, not {backend!r}")
+    if backend == "cosim":
+        return evaluate_in_simulator(
+            name, steps=COSIM_STEPS if steps is None else steps, seed=seed, output=output,
+            cache=cache, progress=progress,
+        )  # fmt: skip
+    entry = find(name, "NAME")
+    started = time.perf_counter()
+    found: dict[str, list[Run]] = {kind: [] for kind in ("reference", backend)}
+    stopped = None
+    for number in range(1 if steps is not None else entry.runs):
+        try:
+            stopped = _run_once(entry, found, seed + number, steps, progress)
+        except MissingExtraError as error:
+            stopped = str(error)
+        if stopped is not None:
+            break
+    made = Evaluation(
+        **_describe(entry), backend=backend, seed=seed, runs=len(found[backend]), steps=None,
+        stopped=stopped,
+    )  # fmt: skip
+    if stopped is None:
+        judgement = judge(found[backend], found["reference"])
+        first = found[backend][0]
+        whole = steps is None or steps == entry.scenario(seed).steps
+        made = replace(
+            made,
+            steps=first.steps,
+            settled=judgement.since,
+            judgement=judgement,
+            verdicts=judgement.compare(entry.bounds) if whole else None,
+            plots=_plots(entry, backend, found, output),
+        )
+    return replace(made, seconds=time.perf_counter() - started)
+
+
+def _run_once(
+    entry: Entry,
+    found: Mapping[str, list[Run]],
+    seed: int,
+    steps: int | None,
+    progress: Progress | None,
+) -> str | None:
+    """Run an entry on each backend; gives why one stopped, or None."""
+    scenario = entry.scenario(seed, steps)
+    for kind, runs in found.items():
+        label = f"{entry.name}: {kind}, run {len(runs) + 1}"
+        made = run(
+            scenario,
+            kind,
+            ends_at=(UkfError,),
+            progress=None if progress is None else partial(progress, label),
+            every=500,
+        )
+        if made.stop is not None:
+            return f"{kind}, seed {seed}: {made.stop.kind.__name__}: {made.stop.message}"
+        runs.append(made)
+    return None
+
+
+def _plots(
+    entry: Entry, backend: str, found: Mapping[str, list[Run]], output: Path | None
+) -> tuple[Path, ...]:
+    """Draw the first run."""
+    if output is None:
+        return ()
+    drawn = {"golden model": found["golden"][0]} if backend == "golden" else {}
+    drawn["float64 reference"] = found["reference"][0]
+    return tuple(draw(output, entry, backend, drawn))
+
+
+def evaluate_in_simulator(
+    name: str,
+    *,
+    steps: int = COSIM_STEPS,
+    seed: int = 0,
+    pes: int = 1,
+    output: Path | None = None,
+    cache: Path = CACHE,
+    simulator: Simulator = Simulator.VERILATOR,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Run the first steps of an entry on the Verilog, in lockstep with the golden model.
+
+    Parameters
+    ----------
+    name
+        Name of the entry.
+    steps
+        How many steps.
+    seed
+        Seed of the data.
+    pes
+        Number of processing elements.
+    output
+        Folder of the figure; None is none.
+    cache
+        Folder of compiled cores.
+    simulator
+        What simulates.
+    progress
+        Called with the phase, steps done and their total.
+
+    Raises
+    ------
+    ValueError
+        If there is no such entry, or it has fewer steps.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    entry = find(name, "NAME")
+    started = time.perf_counter()
+    tell = progress or (lambda what, done, total: None)
+    found = cosimulate(
+        Recipe.of(name, seed=seed, pes=pes).scenario, steps, simulator=simulator, cache=cache,
+        progress=lambda phase, done: tell(f"{name}: {phase}", done, steps),
+    )  # fmt: skip
+    own = found.run
+    made = Evaluation(
+        **_describe(entry), backend="cosim", seed=seed, runs=1, steps=own.steps,
+        stopped=None if own.stop is None else own.stop.message, pes=pes,
+        observed=found.observations,
+    )  # fmt: skip
+    if own.steps:
+        reference = run(own.scenario, steps=own.steps)
+        made = replace(made, judgement=judge(own, reference))
+        if output is not None:
+            drawn = {"core, simulated": own, "float64 reference": reference}
+            made = replace(
+                made, plots=(draw_errors(output / f"{name}-cosim.png", entry, drawn),)
+            )  # fmt: skip
+    return replace(made, seconds=time.perf_counter() - started)
+
+
+def _evaluate_both(
+    name: str, *, backend: str, cosim_steps: int, seed: int, output: Path, cache: Path
+) -> list[Evaluation]:
+    """Run an entry, and co-simulate some of its steps."""
+    made = [evaluate(name, backend, seed=seed, output=output, cache=cache)]
+    if cosim_steps and made[0].stopped is None:
+        made.append(evaluate_in_simulator(name, steps=cosim_steps, seed=seed, cache=cache))
+    return made
+
+
+def evaluate_all(
+    backend: str = "golden",
+    *,
+    cosim_steps: int = 0,
+    seed: int = 0,
+    output: Path,
+    cache: Path = CACHE,
+    workers: int = 1,
+    names: Iterable[str] | None = None,
+) -> Iterator[list[Evaluation]]:
+    """Run entries one after the other, or on several processors.
+
+    Parameters
+    ----------
+    backend
+        As for :func:`evaluate`.
+    cosim_steps
+        How many steps of each to co-simulate as well; 0 is none.
+    seed
+        Seed of the first runs.
+    output
+        Folder of the figures.
+    cache
+        Folder of compiled cores.
+    workers
+        Processes.
+    names
+        Names of the entries; None is all.
+
+    Yields
+    ------
+    list of Evaluation
+        Of each entry, in the order of the names; that of the co-simulation comes second.
+
+    Raises
+    ------
+    ValueError
+        If there is no worker, or as :func:`evaluate`.
+    SimulatorError
+        If the simulator is not installed or fails.
+    """
+    work = partial(
+        _evaluate_both, backend=backend, cosim_steps=cosim_steps, seed=seed, output=output,
+        cache=cache,
+    )  # fmt: skip
+    with mapper(workers) as spread:
+        yield from spread(work, tuple(CATALOGUE) if names is None else tuple(names))
