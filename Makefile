@@ -49,8 +49,9 @@ cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
 apps: $(STAMP) ## Run every application, and co-simulate some steps of each
 	$(BIN)/ukf apps all --cosim-steps 30 --workers $(JOBS)
 
-figures: apps ## Run them, and put tables and figures into docs/applications.md
+figures: apps demo ## Run them and the demonstration, and put tables and figures into the documents
 	$(BIN)/python -m ukf_docs applications
+	cp build/demo/attitude.png docs/figures/demo.png
 
 formal: $(STAMP) ## Prove the properties of the bus and control logic
 	$(BIN)/python -m support.formal
