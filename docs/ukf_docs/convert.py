@@ -1,6 +1,8 @@
 """Conversion of recorded data from the files of their authors to those of the package."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +48,7 @@ def convert_inertial(source: Path, destination: Path) -> Path:
     missing = [name for name in wanted if name not in found]
     if missing:
         raise ValueError(f"{source.name} must hold {', '.join(wanted)}, not without {missing!r}")
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, Any] = {}
     for name, key in series.items():
         values = np.nan_to_num(np.asarray(found[key], dtype=np.float64))
         arrays[name], arrays[f"{name}_scale"] = pack(values)
@@ -89,7 +91,7 @@ def convert_odometry(source: Path, destination: Path) -> Path:
     return _save(destination, arrays)
 
 
-def _save(destination: Path, arrays: dict[str, np.ndarray]) -> Path:
+def _save(destination: Path, arrays: Mapping[str, Any]) -> Path:
     destination.parent.mkdir(parents=True, exist_ok=True)
     with destination.open("wb") as file:
         np.savez_compressed(file, **arrays)

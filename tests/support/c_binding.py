@@ -253,7 +253,7 @@ class CFilter:
         ]  # fmt: skip
         if work is not None:
             prepared += [_real(self._work), WORD(work)]
-        result = getattr(self._library, name)(self._ukf, *prepared)
+        result = int(getattr(self._library, name)(self._ukf, *prepared))
         if result != Result.OK:
             known = result in set(Result)
             raise CFilterError(Result(result) if known else result, self.fault)

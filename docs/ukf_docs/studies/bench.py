@@ -90,9 +90,11 @@ def run_filterpy(scenario: Scenario, steps: int) -> np.ndarray:
     class Filter(UnscentedKalmanFilter):
         """filterpy's filter, but an update sees the points that went through fx."""
 
-        def predict(self, **arguments: Any) -> None:
-            self.compute_process_sigmas(self._dt, **arguments)
-            self.x, self.P = unscented_transform(self.sigmas_f, self.Wm, self.Wc, self.Q)
+        def predict(
+            self, dt: float | None = None, UT: Any = None, fx: Any = None, **arguments: Any
+        ) -> None:
+            self.compute_process_sigmas(self._dt if dt is None else dt, fx, **arguments)
+            self.x, self.P = (UT or unscented_transform)(self.sigmas_f, self.Wm, self.Wc, self.Q)
 
     p = scenario.params
     noise = ReferenceUkf(p)

@@ -192,9 +192,10 @@ def _with_options(
     parameters = [
         *shared, *(entry.replace(kind=inspect.Parameter.KEYWORD_ONLY) for entry in own),
     ]  # fmt: skip
-    wrapped.__signature__ = inspect.Signature(parameters)
-    wrapped.__annotations__ = {entry.name: entry.annotation for entry in parameters}
-    return wrapped
+    described: Any = wrapped
+    described.__signature__ = inspect.Signature(parameters)
+    described.__annotations__ = {entry.name: entry.annotation for entry in parameters}
+    return described
 
 
 def with_core(command: Callable[..., None]) -> Callable[..., None]:

@@ -300,7 +300,7 @@ def _front(rows: Sequence[Row]) -> Iterator[Chart]:
             "both; numbers there are processing elements. Down and left is better. Both "
             "logarithmic."
         ),
-        spec=_spec(front + points + names, height=440),
+        spec=_spec(alt.LayerChart(layer=[front, points, names]), height=440),
     )
 
 
@@ -355,7 +355,7 @@ def _accuracy(rows: Sequence[Row]) -> Iterator[Chart]:
                 "number of processing elements. 1 is as good as float64. A cross at the top is a "
                 "run that the core stopped with an error, because of the covariance for instance."
             ),
-            spec=_spec(alt.layer(*layers)),
+            spec=_spec(alt.LayerChart(layer=layers)),
         )
 
 

@@ -21,6 +21,8 @@ _SECTIONS = (
     "Growth", "All figures",
 )  # fmt: skip
 _ALWAYS = ("Accuracy", "All figures")
+#: What the page uses of the bundle of libraries.
+_SCRIPT = "window.vegaEmbed = vegaEmbed;"
 
 
 def _script(text: str) -> Markup:
@@ -71,7 +73,7 @@ def render(rows: Sequence[Row], charts: Sequence[Chart]) -> str:
         charts=charts,
         tables=found,
         everything=everything(rows),
-        bundle=_script(vl_convert.javascript_bundle(vl_version=VEGA_LITE)),
+        bundle=_script(vl_convert.javascript_bundle(_SCRIPT, vl_version=VEGA_LITE)),
         specs=_json({chart.name: chart.spec for chart in charts}),
     )
 

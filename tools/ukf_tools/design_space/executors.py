@@ -3,7 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import Future, as_completed
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, Protocol
@@ -138,7 +138,7 @@ class LocalExecutor:
         pool = self._pool(max_workers=count, context=get_context("spawn"))
         try:
             ordered = sorted(parts, key=lambda part: -part.cost)
-            futures = {
+            futures: dict[Future[Any], Part] = {
                 pool.schedule(_attempt_in_pool, args=[part, part.key]): part for part in ordered
             }
             for future in as_completed(futures):
@@ -188,9 +188,11 @@ class ClusterExecutor:
         futures = {}
         for part in parts:
             key = part.key
+            # Whole numbers, the longest first.
             future = self._client.submit(
-                attempt, part, key, key=f"{part.kind}-{key}", priority=part.cost, pure=False
-            )
+                attempt, part, key, key=f"{part.kind}-{key}",
+                priority=round(1000 * part.cost), pure=False,
+            )  # fmt: skip
             futures[future] = part
         try:
             for future in self._distributed.as_completed(list(futures), loop=self._client.loop):
