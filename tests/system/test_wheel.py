@@ -34,7 +34,7 @@ ROOTS = (
     "ukf_sim.cosimulation", "ukf_sw.board", "ukf_sw.filter",
 )  # fmt: skip
 #: Modules that come with a module of the table of extras, or that a board has.
-ALSO = {"numpy", "amaranth_soc", "cocotbext", "pynq"}
+ALSO = {"numpy", "amaranth_soc", "platformdirs", "pynq"}
 
 
 def build(kind, folder):

