@@ -16,7 +16,7 @@ from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
-from ukf_sw.spec.registers import Step
+from ukf_sw.spec.sequence import Step
 
 TINY = UkfParams(n=2, m=1, q=1, r=1)
 

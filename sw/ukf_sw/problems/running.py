@@ -17,25 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend, make_backend
-from ukf_sw.errors import (
-    IllegalStepError,
-    NotFiniteError,
-    NotPositiveDefiniteError,
-    SingularObservationError,
-    StepError,
-)
+from ukf_sw.errors import StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.scenario import Scenario
-from ukf_sw.spec.registers import ErrorCode
 
 __all__ = ["Estimates", "Run", "Stop", "run"]
-
-_CODES: dict[type[Exception], ErrorCode] = {
-    IllegalStepError: ErrorCode.ILLEGAL_STEP,
-    NotFiniteError: ErrorCode.NOT_FINITE,
-    SingularObservationError: ErrorCode.SINGULAR_OBSERVATION,
-    NotPositiveDefiniteError: ErrorCode.NOT_POSITIVE_DEFINITE,
-}
 
 Array = NDArray[np.float64]
 
@@ -68,7 +54,7 @@ class Stop:
     @classmethod
     def of(cls, error: Exception, iteration: int) -> "Stop":
         """Describe an error that came after so many steps of the scenario."""
-        code = _CODES.get(type(error))
+        code = getattr(error, "error_code", None)
         return cls(
             iteration=iteration,
             kind=type(error),
@@ -81,7 +67,8 @@ class Stop:
     @property
     def error(self) -> str:
         """Name of the core's error code, or else of the class."""
-        return _CODES[self.kind].name if self.kind in _CODES else self.kind.__name__
+        code = getattr(self.kind, "error_code", None)
+        return self.kind.__name__ if code is None else code.name
 
     def as_dict(self) -> dict[str, Any]:
         """What is known about it, ready for JSON."""
