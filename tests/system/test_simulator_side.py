@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from ukf_sim import simulator_side
-from ukf_sim.session import JOB_VARIABLE, Failure, Job
+from ukf_sim.session import JOB_VARIABLE, Job, TaskFailure
 from ukf_sw.spec.parameters import UkfParams
 
 
@@ -54,6 +54,6 @@ def test_result_is_kept(run):
 
 def test_task_that_ends_the_process_is_reported(run):
     failure = run("leave")
-    assert isinstance(failure, Failure)
+    assert isinstance(failure, TaskFailure)
     assert (failure.kind, failure.message) == ("SystemExit", "no core to be seen")
     assert "in leave" in failure.trace
