@@ -12,12 +12,14 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
+from ukf_sw.errors import UkfError
+
 __all__ = ["Simulator", "SimulatorError", "Tool", "Wheel", "tool_environment"]
 
 _LOG_LINES = 25
 
 
-class SimulatorError(Exception):
+class SimulatorError(UkfError):
     """A simulator is missing, or failed."""
 
     @classmethod

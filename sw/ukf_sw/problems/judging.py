@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ukf_sw.problems.running import Run
 
-__all__ = ["Bound", "JudgedError", "Judgement", "Measure", "Verdict", "judge", "steps_after"]
+__all__ = ["Bound", "JudgedError", "Judgement", "Measure", "Verdict", "judge", "rms_after"]
 
 Array = NDArray[np.float64]
 #: What a bound is about.
@@ -233,18 +233,28 @@ class Judgement:
         return result
 
 
-def steps_after(times: Array, after: float) -> NDArray[np.bool_]:
-    """Choose the steps later than a time, shape (K,).
+def _rms(errors: Array) -> Array:
+    """Root mean square over the steps, shape (e,) of (K, e)."""
+    return np.sqrt(np.mean(errors**2, axis=0))
+
+
+def _check_after(times: Array, after: float) -> None:
+    if not (times > after).any():
+        raise ValueError(f"after must be less than {float(times[-1])} s, not {after!r}")
+
+
+def rms_after(times: Array, errors: Array, after: float) -> float:
+    """Root mean square of an error, shape (K,), over the steps later than a time.
+
+    For estimators that are no filter on a scenario; :func:`judge` is for those that are.
 
     Raises
     ------
     ValueError
-        If there is none.
+        If there is no such step.
     """
-    chosen = times > after
-    if not chosen.any():
-        raise ValueError(f"after must be less than {float(times[-1])} s, not {after!r}")
-    return chosen
+    _check_after(times, after)
+    return float(_rms(errors[times > after]))
 
 
 def judge(
@@ -287,7 +297,7 @@ def judge(
     since = own[0].scenario.settled if after is None else after
     if after is not None:
         for one, _ in pairs:
-            steps_after(one.times, after)
+            _check_after(one.times, after)
     elif not any((one.times > since).any() for one, _ in pairs):
         since = -inf
     found = _judge([one for one, _ in pairs], own[0], since)
@@ -327,7 +337,7 @@ def _judge(runs: Sequence[Run], first: Run, since: float) -> Judgement:
     time = since if isfinite(since) else None
     if not len(errors):
         return Judgement(since=time, steps=0, errors=(), limit=scenario.limit)
-    rms = np.sqrt(np.mean(errors**2, axis=0)).tolist()
+    rms = _rms(errors).tolist()
     largest = np.abs(errors).max(axis=0).tolist()
     limit = scenario.limit
     return Judgement(

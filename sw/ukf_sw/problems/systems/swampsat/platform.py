@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.extras import importing
+from ukf_sw.problems.judging import rms_after
 from ukf_sw.problems.systems.nanosat import attitude_error
 from ukf_sw.problems.systems.swampsat.flight import Flight
 from ukf_sw.problems.systems.swampsat.kinematics import attitude_matrix, propagate
@@ -136,10 +137,7 @@ class PlatformResults:
         ValueError
             If there is no such time.
         """
-        chosen = self.times > after
-        if not chosen.any():
-            raise ValueError(f"after must be less than {float(self.times[-1])} s, not {after!r}")
-        return float(np.sqrt(np.mean(self.attitude[chosen] ** 2)))
+        return rms_after(self.times, self.attitude, after)
 
 
 class Platform:

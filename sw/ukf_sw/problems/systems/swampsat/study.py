@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend
 from ukf_sw.errors import UkfError
-from ukf_sw.problems.judging import steps_after
+from ukf_sw.problems.judging import rms_after
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import attitude_error
 from ukf_sw.problems.systems.swampsat.ekf import MurrellEkf
@@ -117,10 +117,8 @@ class Errors:
         ValueError
             If there is no such time.
         """
-        chosen = steps_after(self.times, after)
-        if self.failed is not None:
-            return float("inf")
-        return float(np.sqrt(np.mean(self.attitude[chosen] ** 2)))
+        rms = rms_after(self.times, self.attitude, after)
+        return rms if self.failed is None else float("inf")
 
 
 def run_quest(flight: Flight, sampling: Sampling) -> tuple[Errors, Errors]:
