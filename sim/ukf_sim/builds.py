@@ -13,10 +13,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import cocotb_tools.config
-from cocotb_tools.runner import get_runner
-
 from ukf_sim.simulators import Simulator, SimulatorError, tool_environment
+from ukf_sw.extras import importing
 
 __all__ = ["EXECUTABLE", "Build", "build", "build_executable"]
 
@@ -81,6 +79,10 @@ def build(
     """
     simulator.require()
     tool = simulator.tool
+    with importing("sim"):
+        from cocotb_tools import config
+        from cocotb_tools.runner import get_runner
+
     make_flags = simulator.make_flags(optimise)
     flags = [*tool.cocotb_flags, *tool.flags]
     name, settings = tool.cocotb_settings or ("", "")
@@ -91,7 +93,7 @@ def build(
         "simulator": [simulator.value, simulator.version],
         "flags": [*flags, make_flags, settings],
         # The executable is linked to these.
-        "cocotb": [version("cocotb"), str(cocotb_tools.config.libs_dir)],
+        "cocotb": [version("cocotb"), str(config.libs_dir)],
         "python": platform.python_version(),
     }
 

@@ -10,12 +10,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ukf_hdl.generate import NAME, generate
 from ukf_sim.builds import Build, build
-from ukf_sim.cocotb_run import run_cocotb
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.extras import require
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
@@ -190,7 +189,14 @@ def run_job(
     ------
     SimulatorError
         If the simulator is not installed or fails.
+    MissingExtraError
+        If an extra that this needs is not installed.
     """
+    # Extras are asked for here, so that what names a co-simulation can be imported without them.
+    require("hdl", "sim", "golden")
+    simulator.require()
+    from ukf_hdl.generate import NAME, generate
+
     tell = progress or (lambda phase, done: None)
     with tempfile.TemporaryDirectory(prefix="ukf-cosim-") as scratch:
         folder = Path(scratch)
@@ -205,6 +211,8 @@ def run_job(
 
 
 def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], None]) -> Any:
+    from ukf_sim.cocotb_run import run_cocotb
+
     (folder / "job.pickle").write_bytes(pickle.dumps(job))
     errors: list[SimulatorError] = []
 

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.extras import require
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
@@ -31,7 +32,14 @@ from ukf_sw.spec.parameters import Pipeline, UkfParams
 if TYPE_CHECKING:
     from ukf_sw.drivers.driver import Driver
 
-__all__ = ["GROUP", "Backend", "backend_names", "golden_driver", "make_backend"]
+__all__ = [
+    "GROUP",
+    "Backend",
+    "backend_names",
+    "golden_driver",
+    "make_backend",
+    "require_backend",
+]
 
 #: Group of entry points.
 GROUP = "ukf_sw.backends"
@@ -168,10 +176,24 @@ _OWN: dict[str, Callable[[UkfParams, str, Pipeline | None], Backend]] = {
     "pynq": _pynq,
 }
 
+#: Extras of those that need any.
+_EXTRAS = {"golden": ("golden",), "cosim": ("hdl", "sim", "golden")}
+
 
 def backend_names() -> list[str]:
     """Names, without what may stand behind a colon."""
     return [*_OWN, *sorted({point.name for point in entry_points(group=GROUP)} - set(_OWN))]
+
+
+def require_backend(name: str) -> None:
+    """Check that the extras that a backend needs are installed, without making it.
+
+    Raises
+    ------
+    MissingExtraError
+        If one is not.
+    """
+    require(*_EXTRAS.get(name.partition(":")[0], ()))
 
 
 def make_backend(name: str, params: UkfParams, pipeline: Pipeline | None = None) -> Backend:
@@ -194,7 +216,10 @@ def make_backend(name: str, params: UkfParams, pipeline: Pipeline | None = None)
         If the device is missing, may not be used, or does not work.
     WrongCoreError
         If another core is there.
+    MissingExtraError
+        If an extra that it needs is not installed.
     """
+    require_backend(name)
     kind, _, where = name.partition(":")
     if kind in _OWN:
         return _OWN[kind](params, where, pipeline)

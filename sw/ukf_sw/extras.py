@@ -33,6 +33,11 @@ class MissingExtraError(ModuleNotFoundError):
         Modules that are missing.
     extras
         Extras that bring them.
+
+    Attributes
+    ----------
+    command : str
+        Command that installs them.
     """
 
     def __init__(self, modules: tuple[str, ...], extras: tuple[str, ...]) -> None:

@@ -20,10 +20,12 @@ COMMANDS = {
     "apps list": ([], []),
     "apps run": (["pendulum"], ["golden"]),
     "apps run ": (["pendulum", "--backend", "cosim"], ["hdl", "sim", "golden"]),
+    "apps run  ": (["pendulum", "--backend", "reference", "--steps", "9"], []),
     "apps swampsat": (["--duration", "60"], ["apps", "golden"]),
     "baseline": ([], []),
     "c-arm": (NANOSAT, ["hdl", "golden"]),
-    "c-loop": (NANOSAT, ["hdl", "sim", "golden"]),
+    "c-loop": (NANOSAT, ["hdl", "golden"]),
+    "c-loop ": ([*NANOSAT, "--beside-cocotb", "1"], ["hdl", "sim", "golden"]),
     "cosim": (SMALL, ["hdl", "sim", "golden"]),
     "export": (["--config", "nanosat", "--steps", "2"], []),
     "generate": (SMALL, ["hdl"]),
@@ -45,7 +47,8 @@ COMMANDS = {
 }
 #: Those that take a second.
 QUICK = (
-    "apps list", "export", "generate", "latency", "new", "package", "run ", "testbench",
+    "apps list", "apps run  ", "export", "generate", "latency", "new", "package", "run ",
+    "testbench",
 )  # fmt: skip
 
 #: Runs the command line where the modules of its first argument cannot be imported.

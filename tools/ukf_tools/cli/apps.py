@@ -12,10 +12,13 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ukf_sw.backends import require_backend
+from ukf_sw.extras import MissingExtraError
 from ukf_tools.cli.console import (
     JsonOption,
     fail,
     messages,
+    needs,
     number,
     print_json,
     progress_teller,
@@ -112,7 +115,6 @@ def _print_evaluation(made: "Evaluation") -> None:
 @apps_app.command("list")
 def list_entries(as_json: JsonOption = False) -> None:
     """List the catalogue."""
-    from ukf_sw.extras import MissingExtraError
     from ukf_sw.problems.catalogue import CATALOGUE
 
     rows: list[dict[str, Any]] = []
@@ -139,6 +141,7 @@ def list_entries(as_json: JsonOption = False) -> None:
 
 
 @apps_app.command("run")
+@needs()
 def run_command(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Entry, as `ukf apps list` says.")],
     backend: BackendOption = AppBackend.GOLDEN,
@@ -155,6 +158,7 @@ def run_command(
     The exit code is 1 if an error is outside of its bound, if the core stopped, or if the Verilog
     differs from the golden model.
     """
+    require_backend(backend.value)
     from ukf_sim.simulators import SimulatorError
     from ukf_tools.evaluate.evaluation import evaluate
 
@@ -176,6 +180,7 @@ def run_command(
 
 
 @apps_app.command("all")
+@needs()
 def run_all(
     backend: BackendOption = AppBackend.GOLDEN,
     cosim_steps: Annotated[
@@ -193,6 +198,9 @@ def run_all(
 
     The exit code is 1 if anything is outside of its bound.
     """
+    require_backend(backend.value)
+    if cosim_steps:
+        require_backend("cosim")
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
     from ukf_tools.evaluate.evaluation import evaluate_all
@@ -278,12 +286,8 @@ def _fly(
     duration: float | None = None,
 ) -> "Evaluation":
     """Run the study of SwampSat, keep it and its figures."""
-    from ukf_sw.extras import MissingExtraError
+    from ukf_tools.evaluate.swampsat import evaluate_study, plot_study, run_study
 
-    try:
-        from ukf_tools.evaluate.swampsat import evaluate_study, plot_study, run_study
-    except MissingExtraError as error:
-        fail(str(error), 1)
     started = time.perf_counter()
     keywords = {} if duration is None else {"duration": duration}
     found = run_study(
@@ -297,6 +301,7 @@ def _fly(
 
 
 @apps_app.command("swampsat")
+@needs("apps")
 def swampsat(
     seeds: Annotated[int, typer.Option("--seeds", min=1, help="Flights of each case.")] = 5,
     duration: Annotated[
@@ -311,6 +316,7 @@ def swampsat(
 
     The exit code is 1 if an error is outside of its bound; whole flights of 5 seeds are judged.
     """
+    require_backend(backend)
     with progress_teller() as tell:
         try:
             made = _fly(output, backend, range(seeds), workers, tell, duration)

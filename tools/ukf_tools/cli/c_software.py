@@ -7,6 +7,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from ukf_sw.extras import require
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import LIMIT
 from ukf_sw.spec.core import Core
@@ -82,7 +83,7 @@ def export(
     print_files(files, as_json=as_json)
 
 
-@needs("hdl", "sim", "golden")
+@needs("hdl", "golden")
 @with_core
 def c_loop(
     core: Core,
@@ -114,6 +115,8 @@ def c_loop(
 
     with checked():
         recipe = _nanosatellite(core, seed, p0)
+    if beside_cocotb:
+        require("sim")
     try:
         Simulator.VERILATOR.require()
     except SimulatorError as error:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ukf_sw.extras import require
+from ukf_sw.backends import require_backend
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -70,6 +70,7 @@ def run(
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
+    require_backend(backend)
     from ukf_sw.backends import make_backend
     from ukf_sw.errors import StepError, UkfError
     from ukf_sw.problems.judging import judge
@@ -77,8 +78,6 @@ def run(
     from ukf_sw.problems.running import run as run_filter
     from ukf_tools.evaluate.plots import plot_errors
 
-    if backend.partition(":")[0] == "cosim":
-        require("hdl", "sim", "golden")
     seeds = range(seed, seed + runs)
     found: dict[str, list[Run]] = {name: [] for name in dict.fromkeys((backend, "reference"))}
     with progress_teller() as tell:
