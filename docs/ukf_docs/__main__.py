@@ -47,7 +47,7 @@ def measure(
 ) -> None:
     """Make the measurements of studies, note them in docs/measured, and refresh their tables."""
     from ukf_sim.simulators import SimulatorError
-    from ukf_tools.baseline.program import BaselineError
+    from ukf_tools.baseline.executable import BaselineError
 
     for name in names:
         study = STUDIES[name.value]

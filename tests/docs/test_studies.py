@@ -117,7 +117,7 @@ def test_what_cannot_be_measured_leaves_the_note(counted, documents, monkeypatch
 
 
 def test_times_add_up():
-    traffic = iteration.Traffic(words=362, control=8, clocks=10_743, cycles=4971, pes=1)
+    traffic = iteration.IterationTraffic(words=362, control=8, clocks=10_743, cycles=4971, pes=1)
     assert traffic.microseconds(0) == pytest.approx(3.70 * 15.6 + 21.0)
     assert traffic.microseconds(4971) == pytest.approx(3.70 * 15.6 + 21.0 + 49.71)
     # What is kept is what the schedule and the bus say, but for the beginning of a wait.

@@ -15,7 +15,15 @@ from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, 
 from ukf_sw.reference import ReferenceUkf
 from ukf_tools.baseline.costs import cost, rewrite
 from ukf_tools.baseline.counting import SECTIONS, count
-from ukf_tools.baseline.program import ARM, NATIVE, SOURCES, VARIANTS, BaselineError, Target, build
+from ukf_tools.baseline.executable import (
+    ARM,
+    NATIVE,
+    SOURCES,
+    VARIANTS,
+    BaselineError,
+    Target,
+    build,
+)
 from ukf_tools.baseline.report import bus_words
 from ukf_tools.cli import app
 

@@ -26,7 +26,7 @@ from ukf_tools.design_space.executors import (
     LocalExecutor,
     perform,
 )
-from ukf_tools.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, Traffic
+from ukf_tools.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, TrafficPart
 from ukf_tools.design_space.points import Point, grid
 from ukf_tools.design_space.rows import COLUMNS, Conditions
 from ukf_tools.design_space.sweep import Questions, find, sweep
@@ -255,9 +255,9 @@ def test_parts_know_what_they_depend_on():
     assert schedule.key != replace(schedule, pipeline=Pipeline(add=3)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, pes=2)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, format=BINARY16)).key
-    assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
-    assert Traffic.of(SMALL) == Traffic.of(replace(SMALL, format=BINARY16))
-    assert Traffic.of(SMALL).key != Traffic.of(replace(SMALL, format=BINARY64)).key
+    assert TrafficPart.of(SMALL) == TrafficPart.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
+    assert TrafficPart.of(SMALL) == TrafficPart.of(replace(SMALL, format=BINARY16))
+    assert TrafficPart.of(SMALL).key != TrafficPart.of(replace(SMALL, format=BINARY64)).key
     recipe = Recipe.of("nanosat")
     accuracy = Accuracy(recipe=recipe, steps=10)
     assert accuracy.key != replace(accuracy, recipe=Recipe.of("nanosat", pes=2)).key

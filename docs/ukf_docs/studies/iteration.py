@@ -15,7 +15,7 @@ from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.estimate.latency import latency
 
-__all__ = ["BUS_CLOCKS", "STUDY", "Traffic", "load", "measure_traffic"]
+__all__ = ["BUS_CLOCKS", "STUDY", "IterationTraffic", "load", "measure_traffic"]
 
 #: Clocks a word on the paper's bus at 100 MHz: its transfers took 116 us, for 726 words of sigma
 #: points (20, 7 and 6 rows of 22), 13 of z and x, and a few of registers.
@@ -39,7 +39,7 @@ STEPS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traffic:
+class IterationTraffic:
     """What an iteration takes on the bus, co-simulated.
 
     Parameters
@@ -69,7 +69,7 @@ class Traffic:
 
 def measure_traffic(
     name: str, *, pes: int = 1, cache: Path = CACHE, progress: Callable[[str], None] | None = None
-) -> Traffic:
+) -> IterationTraffic:
     """Co-simulate a configuration with the paper's bus.
 
     Parameters
@@ -101,7 +101,7 @@ def measure_traffic(
     last = found.iterations[-1]
     # The driver reads the cycles of both steps only to check them here.
     checks = sum(step in last.cycles for step in ("PREDICT", "UPDATE", "SIG_GEN"))
-    return Traffic(
+    return IterationTraffic(
         words=last.traffic.words,
         control=last.traffic.control_reads + last.traffic.control_writes - checks,
         clocks=last.clocks,
@@ -110,9 +110,9 @@ def measure_traffic(
     )
 
 
-def load(record: dict[str, dict[str, Any]]) -> dict[str, Traffic]:
+def load(record: dict[str, dict[str, Any]]) -> dict[str, IterationTraffic]:
     """Read what was measured, by configuration."""
-    return {name: Traffic(**traffic) for name, traffic in record.items()}
+    return {name: IterationTraffic(**traffic) for name, traffic in record.items()}
 
 
 def _measure(tell: Tell) -> dict[str, dict[str, Any]]:

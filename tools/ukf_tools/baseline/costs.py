@@ -13,7 +13,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from ukf_tools.baseline.counting import Counts
-from ukf_tools.baseline.program import BaselineError, need
+from ukf_tools.baseline.executable import BaselineError, need
 
 __all__ = ["Cycles", "cost", "rewrite"]
 

@@ -5,7 +5,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from ukf_sw.problems.scenario import Scenario
-from ukf_tools.baseline.program import SOURCES, Program, execute
+from ukf_tools.baseline.executable import SOURCES, Executable, execute
 
 __all__ = ["SECTIONS", "Counts", "count"]
 
@@ -30,7 +30,7 @@ def _disassemble(path: Path) -> dict[int, str]:
     return found
 
 
-def count(program: Program, variant: str, scenario: Scenario, folder: Path) -> Counts:
+def count(program: Executable, variant: str, scenario: Scenario, folder: Path) -> Counts:
     """Run a variant under qemu with the counting plugin.
 
     Parameters

@@ -11,7 +11,7 @@ from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.costs import Cycles, cost
 from ukf_tools.baseline.counting import SECTIONS, count
-from ukf_tools.baseline.program import ARM, VARIANTS, build
+from ukf_tools.baseline.executable import ARM, VARIANTS, build
 
 __all__ = ["PAPER", "bus_words", "markdown", "measure"]
 
@@ -90,7 +90,8 @@ def measure(steps: int = 20, sysroot: Path | None = None) -> dict[str, Any]:
     steps
         Iterations of the 2018 nanosatellite to count; counts hardly depend on the data.
     sysroot
-        Where the GNU Scientific Library for ARM is; see :func:`ukf_tools.baseline.program.build`.
+        Where the GNU Scientific Library for ARM is; see
+        :func:`ukf_tools.baseline.executable.build`.
 
     Returns
     -------

@@ -26,7 +26,7 @@ def baseline(
     Software is counted under qemu and costed by LLVM's model of the processor, so its times are
     brackets. Needs gcc-arm-linux-gnueabihf, qemu-user and llvm-14 (Debian).
     """
-    from ukf_tools.baseline.program import BaselineError
+    from ukf_tools.baseline.executable import BaselineError
     from ukf_tools.baseline.report import markdown, measure
 
     try:

@@ -19,7 +19,7 @@ from ukf_tools.design_space.sources import digest
 from ukf_tools.design_space.traffic import count_words
 from ukf_tools.estimate import ecp5, latency, series7
 
-__all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "Traffic"]
+__all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "TrafficPart"]
 
 
 def _computed(params: UkfParams) -> dict[str, Any]:
@@ -100,7 +100,7 @@ class SchedulePart(Part):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Traffic(Part):
+class TrafficPart(Part):
     """Bus words of an iteration.
 
     Parameters
@@ -113,7 +113,7 @@ class Traffic(Part):
     params: UkfParams
 
     @classmethod
-    def of(cls, params: UkfParams) -> "Traffic":
+    def of(cls, params: UkfParams) -> "TrafficPart":
         """Part of a core, without what its traffic does not depend on."""
         # Of formats only the words of a number matter; in narrow ones the filter may fail.
         plain = BINARY32 if params.format.bus_words == 1 else BINARY64

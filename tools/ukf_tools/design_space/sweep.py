@@ -16,7 +16,7 @@ from ukf_tools.design_space.parts import (
     Reference,
     SchedulePart,
     Synthesis,
-    Traffic,
+    TrafficPart,
 )
 from ukf_tools.design_space.points import Point
 from ukf_tools.design_space.rows import Conditions, figures
@@ -76,7 +76,7 @@ class Questions:
         params, pipeline = core.params, core.pipeline
         parts: dict[str, Part] = {
             "schedule": SchedulePart(params=params, pipeline=pipeline),
-            "traffic": Traffic.of(params),
+            "traffic": TrafficPart.of(params),
         }
         if self.resources:
             parts["resources"] = Synthesis(params=params, pipeline=pipeline)

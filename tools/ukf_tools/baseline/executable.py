@@ -10,7 +10,7 @@ import numpy as np
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.spec.parameters import Noise
 
-__all__ = ["ARM", "NATIVE", "SOURCES", "VARIANTS", "BaselineError", "Program", "Target", "build"]
+__all__ = ["ARM", "NATIVE", "SOURCES", "VARIANTS", "BaselineError", "Executable", "Target", "build"]
 
 SOURCES = Path(__file__).with_name("c")
 #: Variants of the program, with the noise of the scenario that each takes.
@@ -97,7 +97,7 @@ def execute(command: list[str], given: bytes | None = None) -> bytes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Program:
+class Executable:
     """The program, compiled.
 
     Parameters
@@ -145,7 +145,7 @@ class Program:
         return np.frombuffer(output).reshape(-1, len(scenario.x0))
 
 
-def build(target: Target, folder: Path, sysroot: Path | None = None) -> Program:
+def build(target: Target, folder: Path, sysroot: Path | None = None) -> Executable:
     """Compile the program.
 
     Parameters
@@ -184,4 +184,4 @@ def build(target: Target, folder: Path, sysroot: Path | None = None) -> Program:
         [*compiler, *target.link, *objects, *libraries, "-lgsl", "-lgslcblas", "-lm", "-o",
          str(path)]
     )  # fmt: skip
-    return Program(path=path, target=target)
+    return Executable(path=path, target=target)
