@@ -18,7 +18,7 @@ APT::Architecture "armhf";
 APT::Architectures { "armhf"; };
 APT::Sandbox::User "root";
 CONF
-export APT_CONFIG=$apt/apt.conf
+export APT_CONFIG="$apt/apt.conf"
 # One index that fails is no matter if it is not the one that is needed.
 apt-get -q update || echo "Some indexes are missing" >&2
 (cd "$folder/packages" && apt-get -q download libgsl-dev libgsl27 libgslcblas0)
