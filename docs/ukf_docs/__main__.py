@@ -1,6 +1,5 @@
 """Command line of the documents: ``python -m ukf_docs``."""
 
-from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from ukf_docs import DOCS
 from ukf_docs.studies import STUDIES
+from ukf_docs.studies.study import Study
 from ukf_tools.cli.console import fail, print_files, progress_teller, results
 
 # What takes long to import is imported by the commands that need it.
@@ -21,7 +21,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_show_locals=False,
 )
-StudyName = Enum("StudyName", {name: name for name in STUDIES}, type=str)
 
 
 @app.command("refresh")
@@ -41,16 +40,25 @@ def _update(document: Path) -> None:
         print_files([document])
 
 
+def _study(name: str) -> Study:
+    """Give the study of a name."""
+    if name not in STUDIES:
+        raise typer.BadParameter(f"NAME must be one of {', '.join(STUDIES)}, not {name!r}")
+    return STUDIES[name]
+
+
 @app.command("measure")
 def measure(
-    names: Annotated[list[StudyName], typer.Argument(metavar="NAME...", help="Studies.")],
+    studies: Annotated[
+        list[Study],
+        typer.Argument(metavar="NAME...", help=f"Of {', '.join(STUDIES)}.", parser=_study),
+    ],
 ) -> None:
     """Make the measurements of studies, note them in docs/measured, and refresh their tables."""
     from ukf_sim.simulators import SimulatorError
     from ukf_tools.baseline.executable import BaselineError
 
-    for name in names:
-        study = STUDIES[name.value]
+    for study in studies:
         with progress_teller() as tell:
             try:
                 record = study.measure(tell)

@@ -138,7 +138,7 @@ class Sequential:
     def _word(self, word):
         return np.zeros(self.pes) if word is None else self.current[:, word[0]]
 
-    def _result(self, operation, scalars):
+    def _result(self, operation, scalars) -> Any:
         fmt, (add, multiply, _) = self.format, self.arithmetic
         beat = operation.beats[0]
         c, b = self._word(beat.word_0), self._word(beat.word_1)

@@ -11,7 +11,7 @@ from ukf_docs import DOCS
 __all__ = ["Study", "Tell"]
 
 #: Called with what is being done, how much of it is done, and of how much.
-Tell = Callable[[str, int, int | None], None]
+Tell = Callable[[str, float, float | None], None]
 
 
 @dataclass(frozen=True, kw_only=True)

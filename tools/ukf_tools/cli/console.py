@@ -161,12 +161,12 @@ def progress_bars(*, counted: bool = True) -> Iterator[Progress]:
 
 
 @contextmanager
-def progress_teller() -> Iterator[Callable[[str, int, int | None], None]]:
+def progress_teller() -> Iterator[Callable[[str, float, float | None], None]]:
     """Show one bar; what it yields says what is being done, how much is done, and of how much."""
     with progress_bars() as bars:
         bar = bars.add_task("Starting", total=None)
 
-        def tell(what: str, done: int, total: int | None) -> None:
+        def tell(what: str, done: float, total: float | None) -> None:
             bars.update(bar, description=what, completed=done, total=total)
 
         yield tell
