@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.core.axi4_lite import AccessSignature
+from ukf_hdl.core.signatures import EstimateSignature, RunSignature
 from ukf_hdl.core.soc import csr, event
 from ukf_sw.engine.programs import Program
 from ukf_sw.spec import registers
@@ -128,13 +129,14 @@ class Control(wiring.Component):
     with an error; a write to a read-only field is ignored. Byte strobes are honoured.
 
     A step starts when exactly one start bit is written, with ENABLE set by then, while no step
-    runs, and in sequence. :py:`start` follows one clock after the write takes effect. From that
-    clock until :py:`done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN with sigma
-    points already there ends at once, without :py:`start` and without ever being busy.
+    runs, and in sequence. :py:`run.start` follows one clock after the write takes effect. From
+    that clock until :py:`run.done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN
+    with sigma points already there ends at once, without :py:`run.start` and without ever being
+    busy.
 
     Races, on one clock: a write is judged before the end of a step. So a start on the clock of
-    :py:`done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET drops
-    the ending step; only a GATE written on that clock comes too late. An event wins over the
+    :py:`run.done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET
+    drops the ending step; only a GATE written on that clock comes too late. An event wins over the
     write that clears its pending bit.
 
     Parameters
@@ -150,19 +152,12 @@ class Control(wiring.Component):
         Interrupt, high while an enabled event is pending.
     busy : :py:`Out(1)`
         High while a step runs: the buffer must refuse accesses.
-    state_written, factor_written : :py:`In(1)`
+    written : :py:`In(EstimateSignature())`
         High for one clock when x, when L has been written over the bus.
-    start, program : :py:`Out(1)`, :py:`Out(3)`
-        High for one clock to run a program; the program holds until the next start.
-    stop : :py:`Out(1)`
-        High for one clock to drop the running program.
-    done : :py:`In(1)`
-        High on the last clock of the program.
-    error_code, error_index, nis : :py:`In(8)`, :py:`In(8)`, :py:`In(params.format.width)`
-        Result of the program, valid with :py:`done`.
-    observation_mask : :py:`Out(params.m)`
-        Observations that take part in the step: MASK as it was at the start.
-    state_bank, factor_bank : :py:`Out(1)`
+    run : :py:`Out(RunSignature(params))`
+        Program of a step. Which one holds until the next start, and so do the observations that
+        take part in it: MASK as it was at the start.
+    banks : :py:`Out(EstimateSignature())`
         Which copies of x and L are the current ones.
 
     Raises
@@ -184,21 +179,12 @@ class Control(wiring.Component):
         memory_map = MemoryMap(params)
         block_width = memory_map.address_width - memory_map.region_bits
         super().__init__({
-            "access":           In(AccessSignature(address_width=block_width)),
-            "irq":              Out(1),
-            "busy":             Out(1),
-            "state_written":    In(1),
-            "factor_written":   In(1),
-            "start":            Out(1),
-            "program":          Out(Program),
-            "stop":             Out(1),
-            "done":             In(1),
-            "error_code":       In(8),
-            "error_index":      In(8),
-            "nis":              In(params.format.width),
-            "observation_mask": Out(params.m),
-            "state_bank":       Out(1),
-            "factor_bank":      Out(1),
+            "access":  In(AccessSignature(address_width=block_width)),
+            "irq":     Out(1),
+            "busy":    Out(1),
+            "written": In(EstimateSignature()),
+            "run":     Out(RunSignature(params)),
+            "banks":   Out(EstimateSignature()),
         })  # fmt: skip
 
     @property
@@ -326,13 +312,13 @@ class Control(wiring.Component):
 
         # Below, a later assignment wins over an earlier one.
         # Writes over the bus to what steps start from.
-        with m.If(self.state_written):
+        with m.If(self.written.state):
             m.d.sync += [points.eq(0), residuals.eq(0)]
-        with m.If(self.factor_written):
+        with m.If(self.written.factor):
             m.d.sync += [points.eq(0), residuals.eq(0), predicted.eq(0)]
 
         # Start.
-        m.d.sync += [self.start.eq(0), self.stop.eq(0)]
+        m.d.sync += [self.run.start.eq(0), self.run.stop.eq(0)]
         with m.If(launch):
             m.d.sync += [
                 error_code.eq(ErrorCode.NONE),
@@ -345,9 +331,9 @@ class Control(wiring.Component):
             with m.If(~at_once):
                 m.d.sync += [
                     state.eq(step),
-                    self.program.eq(program),
-                    self.observation_mask.eq(fields["MASK"].VALUE.data),
-                    self.start.eq(1),
+                    self.run.program.eq(program),
+                    self.run.observation_mask.eq(fields["MASK"].VALUE.data),
+                    self.run.start.eq(1),
                 ]
         with m.If(refuse):
             m.d.sync += [error_code.eq(ErrorCode.ILLEGAL_STEP), error_index.eq(0)]
@@ -358,8 +344,8 @@ class Control(wiring.Component):
         end = Signal()
         failed = Signal()
         m.d.comb += [
-            end.eq(self.busy & self.done & ~reset),
-            failed.eq(self.error_code != ErrorCode.NONE),
+            end.eq(self.busy & self.run.done & ~reset),
+            failed.eq(self.run.error_code != ErrorCode.NONE),
             step_done.eq(end | (launch & at_once)),
             error_recorded.eq((end & failed) | refuse),
         ]
@@ -370,7 +356,10 @@ class Control(wiring.Component):
                     with m.Case(choice):
                         m.d.sync += ended[index].eq(1)
             with m.If(failed):
-                m.d.sync += [error_code.eq(self.error_code), error_index.eq(self.error_index)]
+                m.d.sync += [
+                    error_code.eq(self.run.error_code),
+                    error_index.eq(self.run.error_index),
+                ]
             self._elaborate_effects(
                 m, failed, fields, nis, gated, initialised, points, predicted, residuals
             )
@@ -379,7 +368,7 @@ class Control(wiring.Component):
         with m.If(reset):
             m.d.sync += [
                 state.eq(Step.IDLE),
-                self.stop.eq(1),
+                self.run.stop.eq(1),
                 Cat(initialised, points, predicted, residuals, gated, ended).eq(0),
                 Cat(error_code, error_index, cycles).eq(0),
             ]
@@ -466,9 +455,9 @@ class Control(wiring.Component):
         gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
         above_gate = Signal()
         # Magnitudes of floating-point numbers compare as integers.
-        m.d.comb += above_gate.eq(self.nis[magnitude] > gate[magnitude])
+        m.d.comb += above_gate.eq(self.run.nis[magnitude] > gate[magnitude])
 
-        with m.Switch(self.program):
+        with m.Switch(self.run.program):
             with m.Case(Program.INIT):
                 m.d.sync += [
                     initialised.eq(~failed),
@@ -477,24 +466,24 @@ class Control(wiring.Component):
             with m.Case(Program.SIG_GEN, Program.SIG_GEN_PREDICTED):
                 with m.If(~failed):
                     m.d.sync += [points.eq(1), Cat(predicted, residuals).eq(0)]
-                    with m.If(self.program == Program.SIG_GEN_PREDICTED):
-                        m.d.sync += self.factor_bank.eq(~self.factor_bank)
+                    with m.If(self.run.program == Program.SIG_GEN_PREDICTED):
+                        m.d.sync += self.banks.factor.eq(~self.banks.factor)
             with m.Case(Program.PREDICT):
                 m.d.sync += [Cat(predicted, residuals).eq((~failed).replicate(2)), points.eq(0)]
                 with m.If(~failed):
-                    m.d.sync += self.state_bank.eq(~self.state_bank)
+                    m.d.sync += self.banks.state.eq(~self.banks.state)
             with m.Case(Program.UPDATE, Program.UPDATE_REDRAWN):
                 with m.If(~failed):
-                    m.d.sync += nis.eq(self.nis)
+                    m.d.sync += nis.eq(self.run.nis)
                 with m.If(failed | above_gate):
                     m.d.sync += gated.eq(~failed)
                     # The redrawn program has overwritten what the flags stand for.
-                    with m.If(self.program == Program.UPDATE_REDRAWN):
+                    with m.If(self.run.program == Program.UPDATE_REDRAWN):
                         m.d.sync += Cat(points, predicted, residuals).eq(0)
                 with m.Else():
                     m.d.sync += [
                         points.eq(1),
                         Cat(predicted, residuals).eq(0),
-                        self.state_bank.eq(~self.state_bank),
-                        self.factor_bank.eq(~self.factor_bank),
+                        self.banks.state.eq(~self.banks.state),
+                        self.banks.factor.eq(~self.banks.factor),
                     ]
