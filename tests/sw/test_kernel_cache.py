@@ -13,9 +13,9 @@ import pytest
 import ukf_sw
 from ukf_sw.engine import interpreter, kernel_cache
 from ukf_sw.engine.interpreter import Interpreter
-from ukf_sw.engine.programs import Program
 from ukf_sw.spec.float_format import BINARY16, BINARY64
 from ukf_sw.spec.parameters import Form, UkfParams
+from ukf_sw.spec.sequence import Program
 
 #: A compiled function that calls one of another file and holds a constant of a third one.
 PROBE = """
