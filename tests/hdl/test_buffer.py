@@ -2,6 +2,7 @@ import random
 
 import pytest
 from amaranth import Module
+from amaranth.lib.wiring import connect
 from amaranth.sim import Simulator
 
 from support.axi4_lite_bench import AccessManager
@@ -44,14 +45,7 @@ class Bench:
         m.submodules.engine = self.engine = engine = StubEngine(params)
         m.submodules.buffer = self.buffer = buffer = Buffer(params, engine.layout)
         self.manager = AccessManager(buffer.access)
-        m.d.comb += [
-            engine.buffer_lane.eq(buffer.lane),
-            engine.buffer_address.eq(buffer.address),
-            engine.buffer_write.eq(buffer.write),
-            engine.buffer_write_data.eq(buffer.write_data),
-            engine.buffer_write_strobe.eq(buffer.write_strobe),
-            buffer.read_data.eq(engine.buffer_read_data),
-        ]
+        connect(m, buffer.memory, engine.memory)
 
     def simulate(self, testbench, background=()):
         sim = Simulator(self.module)
@@ -119,7 +113,7 @@ def test_every_address_is_an_element_or_refused(params):
     mask = (1 << params.format.width) - 1
 
     async def testbench(ctx):
-        data = bench.engine.memory.data
+        data = bench.engine.words.data
         model = [rng.getrandbits(params.format.width) for _ in range(data.depth)]
         for index, word in enumerate(model):
             ctx.set(data[index], word)
@@ -161,30 +155,31 @@ def test_random_traffic_with_banks_and_busy(params):
         for word in range(params.format.bus_words)
     ]
     banked = [a for a in addresses if bench.symbol(a) in ("x", "L")]
-    written = {"state_written": 0, "factor_written": 0}
+    written = {"state": 0, "factor": 0}
 
     async def count(ctx):
         async for _, _, state, factor in ctx.tick().sample(
-            bench.buffer.state_written, bench.buffer.factor_written
+            bench.buffer.written.state, bench.buffer.written.factor
         ):
-            written["state_written"] += state
-            written["factor_written"] += factor
+            written["state"] += state
+            written["factor"] += factor
 
     async def testbench(ctx):
-        data = bench.engine.memory.data
+        data = bench.engine.words.data
         model = [rng.getrandbits(params.format.width) for _ in range(data.depth)]
         for index, word in enumerate(model):
             ctx.set(data[index], word)
-        expected = {"state_written": 0, "factor_written": 0}
+        expected = {"state": 0, "factor": 0}
         for _ in range(400):
             address = rng.choice(rng.choice([addresses, banked, [rng.getrandbits(8)]]))
             address |= rng.getrandbits(2)
-            banks = {"state_bank": rng.getrandbits(1), "factor_bank": rng.getrandbits(1)}
+            banks = {"state": rng.getrandbits(1), "factor": rng.getrandbits(1)}
             for name, value in banks.items():
-                ctx.set(getattr(bench.buffer, name), value)
+                ctx.set(getattr(bench.buffer.banks, name), value)
             busy = rng.random() < 0.1
             ctx.set(bench.buffer.busy, busy)
-            refused = busy or (place := bench.place(address, **banks)) is None
+            place = bench.place(address, banks["state"], banks["factor"])
+            refused = busy or place is None
             if rng.random() < 0.5:
                 word, error, _ = await bench.manager.read(ctx, address)
                 assert error == refused
@@ -199,8 +194,8 @@ def test_random_traffic_with_banks_and_busy(params):
                     model[index] &= ~(bits << 32 * part)
                     model[index] |= (new & bits) << 32 * part
                     model[index] &= mask
-                    expected["state_written"] += bench.symbol(address) == "x" and strobe != 0
-                    expected["factor_written"] += bench.symbol(address) == "L" and strobe != 0
+                    expected["state"] += bench.symbol(address) == "x" and strobe != 0
+                    expected["factor"] += bench.symbol(address) == "L" and strobe != 0
             while rng.random() < 0.3:
                 await ctx.tick()
         assert [ctx.get(data[i]) & mask for i in range(data.depth)] == model

@@ -1,5 +1,6 @@
 import random
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import pytest
 from amaranth.sim import Simulator
@@ -87,12 +88,12 @@ class Model:
         return {
             "busy": self.step != Step.IDLE,
             "irq": bool(self.pending & self.words[INTERRUPT_ENABLE]),
-            "start": self.start,
-            "stop": self.stop,
-            "program": self.program,
-            "observation_mask": self.mask,
-            "state_bank": self.state_bank,
-            "factor_bank": self.factor_bank,
+            "run.start": self.start,
+            "run.stop": self.stop,
+            "run.program": self.program,
+            "run.observation_mask": self.mask,
+            "banks.state": self.state_bank,
+            "banks.factor": self.factor_bank,
         }
 
     def read(self, address):
@@ -341,14 +342,14 @@ def test_agrees_with_model_on_every_clock(params):
                     (access.write, access.address, access.data, access.strobe), request, strict=True
                 ):
                     ctx.set(signal, value)
-            ctx.set(dut.done, end)
-            ctx.set(dut.error_code, result[0] if end else rng.getrandbits(8))
-            ctx.set(dut.error_index, result[1])
-            ctx.set(dut.nis, result[2])
-            ctx.set(dut.state_written, written[0])
-            ctx.set(dut.factor_written, written[1])
+            ctx.set(dut.run.done, end)
+            ctx.set(dut.run.error_code, result[0] if end else rng.getrandbits(8))
+            ctx.set(dut.run.error_index, result[1])
+            ctx.set(dut.run.nis, result[2])
+            ctx.set(dut.written.state, written[0])
+            ctx.set(dut.written.factor, written[1])
 
-            outputs = {name: ctx.get(getattr(dut, name)) for name in model.outputs}
+            outputs = {name: ctx.get(attrgetter(name)(dut)) for name in model.outputs}
             assert outputs == model.outputs
             write = None
             if request is not None:
@@ -406,12 +407,12 @@ class Bench:
         ctx, dut = self.ctx, self.dut
         for _ in range(clocks - 1):
             await ctx.tick()
-        ctx.set(dut.done, 1)
-        ctx.set(dut.error_code, code)
-        ctx.set(dut.error_index, index)
-        ctx.set(dut.nis, nis)
+        ctx.set(dut.run.done, 1)
+        ctx.set(dut.run.error_code, code)
+        ctx.set(dut.run.error_index, index)
+        ctx.set(dut.run.nis, nis)
         await ctx.tick()
-        ctx.set(dut.done, 0)
+        ctx.set(dut.run.done, 0)
 
     async def run(self, step, **result):
         await self.start(step)
@@ -465,10 +466,10 @@ async def test_cycles_count_the_clocks_for_which_a_step_runs(bench):
 @with_bench()
 async def test_start_follows_the_write_by_a_clock(bench):
     await bench.start(Step.INIT)
-    assert bench.ctx.get(bench.dut.start)
+    assert bench.ctx.get(bench.dut.run.start)
     assert bench.ctx.get(bench.dut.busy)
     await bench.ctx.tick()
-    assert not bench.ctx.get(bench.dut.start)
+    assert not bench.ctx.get(bench.dut.run.start)
 
 
 @with_bench()
@@ -499,10 +500,10 @@ async def test_the_mask_is_that_of_the_start(bench):
     await bench.write(MASK, 1)
     await bench.start(Step.INIT)
     await bench.write(MASK, 0)
-    assert bench.ctx.get(bench.dut.observation_mask) == 1, "a running step keeps its mask"
+    assert bench.ctx.get(bench.dut.run.observation_mask) == 1, "a running step keeps its mask"
     await bench.end()
     await bench.start(Step.SIG_GEN)
-    assert bench.ctx.get(bench.dut.observation_mask) == 0
+    assert bench.ctx.get(bench.dut.run.observation_mask) == 0
 
 
 @with_bench()
@@ -516,8 +517,8 @@ async def test_reset_stops_a_step_and_keeps_the_settings(bench):
     assert await bench.read(NIS_LOW) == 0x3F00_0000
     await bench.start(Step.PREDICT)
     await bench.write(CONTROL, CONTROL["RESET"].mask | start_bit(Step.INIT) | 1)
-    assert bench.ctx.get(bench.dut.stop)
-    assert not bench.ctx.get(bench.dut.start)
+    assert bench.ctx.get(bench.dut.run.stop)
+    assert not bench.ctx.get(bench.dut.run.start)
     assert await bench.read(STATUS) == 0
     assert await bench.read(ERROR) == 0
     assert await bench.read(CYCLES) == 0
@@ -527,8 +528,8 @@ async def test_reset_stops_a_step_and_keeps_the_settings(bench):
     assert await bench.read(NIS_LOW) == 0x3F00_0000
     assert await bench.read(INTERRUPT_ENABLE) == 3
     assert await bench.read(INTERRUPT_PENDING) == 1
-    assert bench.ctx.get(bench.dut.state_bank) == 1
-    assert bench.ctx.get(bench.dut.factor_bank) == 1
+    assert bench.ctx.get(bench.dut.banks.state) == 1
+    assert bench.ctx.get(bench.dut.banks.factor) == 1
     await bench.end()  # too late
     assert await bench.read(STATUS) == 0
 
@@ -575,9 +576,9 @@ async def test_an_event_wins_over_the_clear(bench):
     ctx.set(access.data, 1)
     ctx.set(access.strobe, 0xF)
     await ctx.tick()
-    ctx.set(dut.done, 1)
+    ctx.set(dut.run.done, 1)
     await ctx.tick()
-    ctx.set(dut.done, 0)
+    ctx.set(dut.run.done, 0)
     ctx.set(access.valid, 0)
     assert ctx.get(dut.irq)
     await bench.write(INTERRUPT_PENDING, 1)

@@ -50,13 +50,13 @@ class Bench:
         lane, address = self.golden.layout.buffer_location(symbol, row, column, **banks)
         self.golden.memory[lane, address] = word
         ctx, dut = self.ctx, self.dut
-        ctx.set(dut.buffer_lane, lane)
-        ctx.set(dut.buffer_address, address)
-        ctx.set(dut.buffer_write_data, word)
-        ctx.set(dut.buffer_write_strobe, -1)
-        ctx.set(dut.buffer_write, 1)
+        ctx.set(dut.memory.lane, lane)
+        ctx.set(dut.memory.address, address)
+        ctx.set(dut.memory.write_data, word)
+        ctx.set(dut.memory.write_strobe, -1)
+        ctx.set(dut.memory.write, 1)
         await ctx.tick()
-        ctx.set(dut.buffer_write, 0)
+        ctx.set(dut.memory.write, 0)
 
     async def fill(self, symbol, values, **banks):
         region = self.map[symbol]
@@ -72,29 +72,29 @@ class Bench:
             program, mask=mask, state_bank=state_bank, factor_bank=factor_bank,
             stop_after=stop_after,
         )  # fmt: skip
-        ctx.set(dut.observation_mask, mask)
-        ctx.set(dut.state_bank, state_bank)
-        ctx.set(dut.factor_bank, factor_bank)
-        ctx.set(dut.program, program)
-        ctx.set(dut.start, 1)
+        ctx.set(dut.run.observation_mask, mask)
+        ctx.set(dut.banks.state, state_bank)
+        ctx.set(dut.banks.factor, factor_bank)
+        ctx.set(dut.run.program, program)
+        ctx.set(dut.run.start, 1)
         await ctx.tick()
-        ctx.set(dut.start, 0)
+        ctx.set(dut.run.start, 0)
         clocks = 1
-        while not ctx.get(dut.done):
+        while not ctx.get(dut.run.done):
             assert ctx.get(dut.busy)
             if stop_after is not None and clocks == stop_after + 1:
-                ctx.set(dut.stop, 1)
+                ctx.set(dut.run.stop, 1)
                 await ctx.tick()
-                ctx.set(dut.stop, 0)
+                ctx.set(dut.run.stop, 0)
                 break
             clocks += 1
             await ctx.tick()
         else:
             assert clocks == expected.clocks - STEP_OVERHEAD + 2
-            result = (ctx.get(dut.error_code), ctx.get(dut.error_index))
+            result = (ctx.get(dut.run.error_code), ctx.get(dut.run.error_index))
             assert result == expected[:2]
             if expected.nis is not None:
-                assert ctx.get(dut.nis) == expected.nis
+                assert ctx.get(dut.run.nis) == expected.nis
             await ctx.tick()
         assert not ctx.get(dut.busy)
         if compare:
@@ -109,9 +109,9 @@ class Bench:
         places = [(lane, a) for lane in range(golden.shape[0]) for a in range(golden.shape[1])]
         for clock, (lane, address) in enumerate(places + [(0, 0)] * LOAD_LATENCY):
             if clock >= LOAD_LATENCY:
-                found[places[clock - LOAD_LATENCY]] = ctx.get(dut.buffer_read_data)
-            ctx.set(dut.buffer_lane, lane)
-            ctx.set(dut.buffer_address, address)
+                found[places[clock - LOAD_LATENCY]] = ctx.get(dut.memory.read_data)
+            ctx.set(dut.memory.lane, lane)
+            ctx.set(dut.memory.address, address)
             await ctx.tick()
         np.testing.assert_array_equal(found, golden)
 

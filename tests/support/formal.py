@@ -231,11 +231,11 @@ class ControlBench(_AccessBench):
             busy.eq(self.busy),
         ]
         m.d.comb += [
-            Assert(_implies(self.start, written)),
-            Assert(_implies(self.stop, written)),
-            Assert(~(self.start & self.stop)),
-            Assert(_implies(self.start, self.busy & ~busy)),
-            Assert(_implies(self.busy & ~busy, self.start)),
+            Assert(_implies(self.run.start, written)),
+            Assert(_implies(self.run.stop, written)),
+            Assert(~(self.run.start & self.run.stop)),
+            Assert(_implies(self.run.start, self.busy & ~busy)),
+            Assert(_implies(self.busy & ~busy, self.run.start)),
         ]
 
 
@@ -262,8 +262,13 @@ class BufferBench(_AccessBench):
 
     def _elaborate_more(self, m, first, refused):
         m.d.comb += [
-            Assert(_implies(self.write, self.access.valid & self.access.write & ~refused & ~first)),
-            Assert(_implies(self.state_written | self.factor_written, self.write)),
+            Assert(
+                _implies(
+                    self.memory.write,
+                    self.access.valid & self.access.write & ~refused & ~first,
+                )
+            ),
+            Assert(_implies(self.written.state | self.written.factor, self.memory.write)),
         ]
 
 

@@ -8,8 +8,8 @@ from amaranth import Cat, Module, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.core.signatures import EstimateSignature, MemorySignature, RunSignature
 from ukf_sw.engine.layout import Layout
-from ukf_sw.spec.sequence import Program
 
 __all__ = ["StubEngine"]
 
@@ -39,63 +39,50 @@ class StubEngine(wiring.Component):
         width = params.format.width
         self._bytes = -(-width // 8)
         super().__init__({
-            "start":               In(1),
-            "program":             In(Program),
-            "stop":                In(1),
-            "busy":                Out(1),
-            "done":                Out(1),
-            "error_code":          Out(8),
-            "error_index":         Out(8),
-            "nis":                 Out(width),
-            "observation_mask":    In(params.m),
-            "state_bank":          In(1),
-            "factor_bank":         In(1),
-            "buffer_lane":         In(range(params.pes)),
-            "buffer_address":      In(self.layout.address_width),
-            "buffer_read_data":    Out(width),
-            "buffer_write":        In(1),
-            "buffer_write_data":   In(width),
-            "buffer_write_strobe": In(self._bytes),
-            "stub_duration":       In(16, init=1),
-            "stub_error_code":     In(8),
-            "stub_error_index":    In(8),
-            "stub_nis":            In(width),
+            "run":              In(RunSignature(params)),
+            "busy":             Out(1),
+            "banks":            In(EstimateSignature()),
+            "memory":           In(MemorySignature(params, self.layout.address_width)),
+            "stub_duration":    In(16, init=1),
+            "stub_error_code":  In(8),
+            "stub_error_index": In(8),
+            "stub_nis":         In(width),
         })  # fmt: skip
         depth = params.pes << self.layout.address_width
-        self.memory = memory.Memory(shape=8 * self._bytes, depth=depth, init=[])
+        self.words = memory.Memory(shape=8 * self._bytes, depth=depth, init=[])
 
     def word_index(self, lane: int, address: int) -> int:
-        """Index in :attr:`memory` of a word of a lane."""
+        """Index in :attr:`words` of a word of a lane."""
         return lane << self.layout.address_width | address
 
     def elaborate(self, platform):
         """Build the hardware; see the class."""
         m = Module()
-        m.submodules.memory = self.memory
-        read = self.memory.read_port()
-        write = self.memory.write_port(granularity=8)
+        m.submodules.words = self.words
+        read = self.words.read_port()
+        write = self.words.write_port(granularity=8)
 
         # Reads take three clocks: address, memory, output.
-        place = Cat(self.buffer_address, self.buffer_lane)
-        m.d.sync += [read.addr.eq(place), self.buffer_read_data.eq(read.data)]
+        place = Cat(self.memory.address, self.memory.lane)
+        m.d.sync += [read.addr.eq(place), self.memory.read_data.eq(read.data)]
         m.d.comb += [
             write.addr.eq(place),
-            write.data.eq(self.buffer_write_data),
-            write.en.eq(self.buffer_write_strobe & self.buffer_write.replicate(self._bytes)),
+            write.data.eq(self.memory.write_data),
+            write.en.eq(self.memory.write_strobe & self.memory.write.replicate(self._bytes)),
         ]
 
         left = Signal(16)
-        m.d.comb += [self.busy.eq(left != 0), self.done.eq(left == 1)]
+        m.d.comb += [self.busy.eq(left != 0), self.run.done.eq(left == 1)]
         with m.If(self.busy):
             m.d.sync += left.eq(left - 1)
-        with m.If(self.start):
+        with m.If(self.run.start):
             m.d.sync += left.eq(self.stub_duration)
-        with m.If(self.stop):
+        with m.If(self.run.stop):
             m.d.sync += left.eq(0)
-        with m.If(self.done):
+        with m.If(self.run.done):
             m.d.comb += [
-                self.error_code.eq(self.stub_error_code),
-                self.error_index.eq(self.stub_error_index),
-                self.nis.eq(self.stub_nis),
+                self.run.error_code.eq(self.stub_error_code),
+                self.run.error_index.eq(self.stub_error_index),
+                self.run.nis.eq(self.stub_nis),
             ]
         return m

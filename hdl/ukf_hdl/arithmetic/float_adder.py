@@ -1,9 +1,13 @@
 """Floating-point adder."""
 
-from amaranth import Cat, Const, Module, Mux, Signal
+from dataclasses import dataclass, replace
 
+from amaranth import Cat, Const, Module, Mux, Signal, Value
+
+from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.leading_zeros import (
+    Coarse,
     leading_units_digit,
     normalisation_digits,
     select,
@@ -26,6 +30,105 @@ _TWO_PATH_CUTS = {
     2: ("aligned",),
 }
 _MAX_TWO_PATH_STAGES = max(_TWO_PATH_CUTS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """What is known of both operands."""
+
+    exponent: Value  # of the larger one
+    sign: Value  # of the larger one
+    subtract: Value  # their signs differ
+    zero_sign: Value  # sign of the sum if both are zero
+    not_finite: Value  # both are infinite or NaN
+
+
+@dataclass(frozen=True, eq=False)
+class _Ordered:
+    """Operands, the smaller one chosen by the exponents alone."""
+
+    small: Value  # significand to be shifted
+    shift: Value  # places to shift it to the right
+    large: Value  # fraction of the larger one
+    swap: Value  # the exponents are equal, and `other` is the smaller fraction
+    other: Value
+    terms: _Terms
+
+
+@dataclass(frozen=True, eq=False)
+class _Aligned:
+    """Operands, the smaller one shifted and with guard, round and sticky bits below it."""
+
+    small: Value
+    large: Value  # fraction
+    terms: _Terms
+
+
+@dataclass(frozen=True, eq=False)
+class _Summed:
+    """Sum or difference."""
+
+    total: Value
+    exponent: Value
+    zero_sign: Value
+    special: Special
+
+
+@dataclass(frozen=True, eq=False)
+class _Counted:
+    """The sum, shifted by as many 16 places as there are to shift."""
+
+    total: Value
+    coarse: Coarse
+    exponent: Value
+    special: Special
+
+
+@dataclass(frozen=True, eq=False)
+class _Normalised:
+    """The sum with its leading one at the top."""
+
+    total: Value
+    exponent: Value  # without the last digit of the shift
+    ones: Value  # that digit
+    special: Special
+
+
+@dataclass(frozen=True, eq=False)
+class _NearDifference:
+    """Difference of the near path."""
+
+    difference: Value  # complemented if `swap`
+    possible: Value  # the exponents are those of the near path
+    swap: Value
+
+
+@dataclass(frozen=True, eq=False)
+class _Parted:
+    """What the near path made of the operands, and those of the far path."""
+
+    near: _NearDifference
+    far: _Aligned
+    any_nan: Value
+
+
+@dataclass(frozen=True, eq=False)
+class _FarSum:
+    """Rounded sum of the far path."""
+
+    total: Value
+    last: Value  # the place below
+
+
+@dataclass(frozen=True, eq=False)
+class _NearResult:
+    """Normalised difference of the near path."""
+
+    is_sum: Value  # it is the sum: a leading place was cancelled
+    significand: Value
+    exponent: Value
+    is_zero: Value
+    underflow: Value
 
 
 class FloatAdder(FloatUnit):
@@ -69,13 +172,14 @@ class FloatAdder(FloatUnit):
 
     def elaborate(self, platform):
         m = Module()
+        a, b = (FloatLayout(self._fmt)(word) for word in (self.a, self.b))
         if self._stages <= _MAX_TWO_PATH_STAGES:
-            self._elaborate_two_paths(m)
+            self._elaborate_two_paths(m, a, b)
         else:
-            self._elaborate_single_path(m)
+            self._elaborate_single_path(m, a, b)
         return m
 
-    def _elaborate_two_paths(self, m):
+    def _elaborate_two_paths(self, m, a, b):
         """Add along the far and the near path, and select.
 
         The far path takes sums, and differences of operands whose exponents differ: what it gives
@@ -84,89 +188,65 @@ class FloatAdder(FloatUnit):
         places, but are exact.
         """
         pipeline = CutPoints(m, self._stages, _TWO_PATH_CUTS)
-        order = self._elaborate_order(m)
-        _, swap, _, shift, _, exponent, sign, subtract, zero_sign, infinities = order
-        near, may_be_near = self._elaborate_near_difference(m, swap, shift, subtract)
-        aligned, large, any_nan = self._elaborate_far_alignment(m, order)
-        (
-            aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
-            infinities, any_nan,
-        ) = pipeline.cut(
-            "aligned", aligned, near, may_be_near, swap, large, exponent, sign, subtract, zero_sign,
-            infinities, any_nan,
-        )  # fmt: skip
-        one_less = Signal(self._fmt.exponent_bits)
-        m.d.comb += one_less.eq(exponent - 1)
-        far, far_last = self._elaborate_far_sum(m, aligned, large, subtract)
-        near_result = self._elaborate_near_normalisation(m, near, may_be_near, swap, one_less)
-        pipeline.output(
-            self.sum,
-            self._elaborate_selection(
-                m, far, far_last, near_result, exponent, one_less, sign, subtract, zero_sign,
-                infinities, any_nan,
-            ),
-        )  # fmt: skip
+        ordered = self._elaborate_order(m, a, b)
+        parted = _Parted(
+            near=self._elaborate_near_difference(m, a, b, ordered),
+            far=self._elaborate_far_alignment(m, a, b, ordered),
+            any_nan=a.is_nan | b.is_nan,
+        )
+        parted = pipeline.cut("aligned", parted)
+        terms = parted.far.terms
+        one_less = Signal.like(terms.exponent)
+        m.d.comb += one_less.eq(terms.exponent - 1)
+        far = self._elaborate_far_sum(m, parted.far)
+        near = self._elaborate_near_normalisation(m, parted.near, one_less)
+        result = self._elaborate_selection(m, far, near, terms, one_less, parted.any_nan)
+        pipeline.output(self.sum, result)
 
-    def _elaborate_near_difference(self, m, swap, shift, subtract):
+    def _elaborate_near_difference(self, m, a, b, ordered):
         """Near path: subtract operands whose exponents differ by at most one.
 
         The difference of the exponents is known from two bits of each. Where it is zero, the
         difference of the operands may be negative; then one less than it is made, and complemented.
         """
-        fraction_bits, precision = self._fmt.fraction_bits, self._fmt.precision
-        exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
-        full_a = Cat(self.a[:fraction_bits], Const(1, 1))
-        full_b = Cat(self.b[:fraction_bits], Const(1, 1))
-        near_difference = Signal(2)
+        precision = self._fmt.precision
+        exponent_difference = Signal(2)
         minuend = Signal(precision + 1)
         subtrahend = Signal(precision + 1)
-        m.d.comb += near_difference.eq(exponent_a[:2] - exponent_b[:2])
-        with m.Switch(near_difference):
+        m.d.comb += exponent_difference.eq(a.exponent[:2] - b.exponent[:2])
+        with m.Switch(exponent_difference):
             with m.Case(0):
-                m.d.comb += [minuend.eq(full_a << 1), subtrahend.eq(full_b << 1)]
+                m.d.comb += [minuend.eq(a.significand << 1), subtrahend.eq(b.significand << 1)]
             with m.Case(1):
-                m.d.comb += [minuend.eq(full_a << 1), subtrahend.eq(full_b)]
+                m.d.comb += [minuend.eq(a.significand << 1), subtrahend.eq(b.significand)]
             with m.Default():
-                m.d.comb += [minuend.eq(full_b << 1), subtrahend.eq(full_a)]
-        near = Signal(precision + 1)
-        near_wide = Signal(precision + 2)
-        may_be_near = Signal()
+                m.d.comb += [minuend.eq(b.significand << 1), subtrahend.eq(a.significand)]
+        swap = ordered.swap
+        wide = Signal(precision + 2)
+        difference = Signal(precision + 1)
+        possible = Signal()
         m.d.comb += [
-            near_wide.eq(Cat(~swap, minuend) + Cat(~swap, ~subtrahend)),
-            near.eq(near_wide[1:]),
-            may_be_near.eq(
-                subtract
-                & (shift < 2)
-                & (exponent_a != 0)
-                & (exponent_b != 0)
-                & ~exponent_a.all()
-                & ~exponent_b.all()
-            ),
+            wide.eq(Cat(~swap, minuend) + Cat(~swap, ~subtrahend)),
+            difference.eq(wide[1:]),
+            possible.eq(ordered.terms.subtract & (ordered.shift < 2) & a.is_normal & b.is_normal),
         ]
-        return near, may_be_near
+        return _NearDifference(difference, possible, swap)
 
-    def _elaborate_far_alignment(self, m, order):
+    def _elaborate_far_alignment(self, m, a, b, ordered):
         """Far path: shift the smaller operand. Equal exponents need no order of the fractions."""
-        fraction_bits = self._fmt.fraction_bits
-        fraction_a, exponent_a = self.a[:fraction_bits], self.a[fraction_bits:-1]
-        fraction_b, exponent_b = self.b[:fraction_bits], self.b[fraction_bits:-1]
-        any_nan = Signal()
-        m.d.comb += any_nan.eq(
-            (exponent_a.all() & fraction_a.any()) | (exponent_b.all() & fraction_b.any())
-        )
-        large = Mux(exponent_b > exponent_a, fraction_b, fraction_a)
-        aligned, *_ = self._elaborate_alignment(m, fraction_a, Const(0, 1), *order[2:])
-        return aligned, large, any_nan
+        large = Mux(b.exponent > a.exponent, b.fraction, a.fraction)
+        return self._elaborate_alignment(m, replace(ordered, large=large, swap=Const(0, 1)))
 
-    def _elaborate_far_sum(self, m, aligned, large, subtract):
+    def _elaborate_far_sum(self, m, aligned):
         """Far path: add and round.
 
         All that is below the last place of the larger operand comes from the smaller one, so the
         sum or that plus one, in the last place, is the rounded one.
         """
         precision = self._fmt.precision
-        first = Cat(large, Const(1, 2))
-        second = Cat(aligned[3:], Const(0, 1)) ^ subtract.replicate(precision + 1)
+        small, subtract = aligned.small, aligned.terms.subtract
+        first = Cat(aligned.large, Const(1, 2))
+        second = Cat(small[3:], Const(0, 1)) ^ subtract.replicate(precision + 1)
         plain = Signal(precision + 1)
         plus_one = Signal(precision + 1)
         below = Signal(3)
@@ -175,49 +255,49 @@ class FloatAdder(FloatUnit):
             plain.eq(first + second),
             plus_one.eq((Cat(Const(1, 1), first) + Cat(Const(1, 1), second))[1:]),
             # Negated for a difference.
-            below[0].eq(aligned[0]),
-            below[1].eq(aligned[1] ^ (subtract & aligned[0])),
-            below[2].eq(aligned[2] ^ (subtract & aligned[:2].any())),
-            exact_difference.eq(subtract & (aligned[:3] == 0)),
+            below[0].eq(small[0]),
+            below[1].eq(small[1] ^ (subtract & small[0])),
+            below[2].eq(small[2] ^ (subtract & small[:2].any())),
+            exact_difference.eq(subtract & (small[:3] == 0)),
         ]
         # Places of the leading one before rounding: the top, the next or the one after that. What
         # is next to a power of two and might round to another place is right in either.
         carry, normal = plain[-1] & ~subtract, plain[-2]
         up = Signal()
         up_carry, up_normal, up_left = Signal(), Signal(), Signal()
-        far = Signal(precision + 1)
-        far_last = Signal()
+        total = Signal(precision + 1)
+        last = Signal()
         m.d.comb += [
             up_carry.eq(plain[0] & (plain[1] | below.any())),
             up_normal.eq(below[2] & (plain[0] | below[:2].any())),
             up_left.eq(below[2] & below[1] & (below[0] | below[2])),
             up.eq(exact_difference | Mux(carry, up_carry, Mux(normal, up_normal, up_left))),
-            far.eq(Mux(up, plus_one, plain)),
+            total.eq(Mux(up, plus_one, plain)),
             # The place below, needed where the difference moves to the left. Rounded up it is 0 if
             # it was 1, and 1 if it was 0.
-            far_last.eq(below[2] ^ (below[1] & (below[0] | below[2]))),
+            last.eq(below[2] ^ (below[1] & (below[0] | below[2]))),
         ]
-        return far, far_last
+        return _FarSum(total, last)
 
-    def _elaborate_near_normalisation(self, m, near, may_be_near, swap, one_less):
+    def _elaborate_near_normalisation(self, m, near, one_less):
         """Near path: shift the leading one to the top.
 
         The exponent is that of the larger operand, minus one (`one_less`), minus the shift. Its
         upper bits are found for either borrow before the last digit of the shift is known.
         """
         precision, exponent_bits = self._fmt.precision, self._fmt.exponent_bits
-        is_near = Signal()
+        is_sum = Signal()
         magnitude = Signal(precision)
         m.d.comb += [
-            magnitude.eq(near[:-1] ^ swap.replicate(precision)),
-            is_near.eq(may_be_near & ~(near[-1] ^ swap)),
+            magnitude.eq(near.difference[:-1] ^ near.swap.replicate(precision)),
+            is_sum.eq(near.possible & ~(near.difference[-1] ^ near.swap)),
         ]
-        sixteens, fours, is_zero = normalisation_digits(m, magnitude)
-        partly = shift_left_digit(m, magnitude, sixteens, 16)
-        coarsely = shift_left_digit(m, partly, fours, 4)
+        digits, is_zero = normalisation_digits(m, magnitude)
+        partly = shift_left_digit(m, magnitude, digits.sixteens, 16)
+        coarsely = shift_left_digit(m, partly, digits.fours, 4)
         ones = leading_units_digit(m, coarsely)
         normalised = shift_left_digit(m, coarsely, ones, 1)
-        coarse = Cat(fours, sixteens)
+        coarse = digits.value
         upper = Signal(exponent_bits - 2)
         upper_less = Signal(exponent_bits - 2)
         borrow = Signal()
@@ -233,19 +313,15 @@ class FloatAdder(FloatUnit):
                 (one_less[2:] < coarse) | ((one_less[2:] == coarse) & (one_less[:2] <= ones))
             ),
         ]
-        return is_near, normalised, exponent, is_zero, underflow
+        return _NearResult(is_sum, normalised, exponent, is_zero, underflow)
 
-    def _elaborate_selection(
-        self, m, far, far_last, near_result, exponent, one_less, sign, subtract, zero_sign,
-        infinities, any_nan,
-    ):  # fmt: skip
+    def _elaborate_selection(self, m, far, near, terms, one_less, any_nan):
         """Take one of the paths, or a special result.
 
         Special results keep the exponent of the larger operand: all zeros or all ones. They are
         never near.
         """
-        fmt = self._fmt
-        is_near, normalised, near_exponent, near_is_zero, near_underflow = near_result
+        fmt, exponent = self._fmt, terms.exponent
         both_zero = Signal()
         infinite = Signal()
         nan = Signal()
@@ -257,127 +333,103 @@ class FloatAdder(FloatUnit):
         m.d.comb += [
             both_zero.eq(exponent == 0),
             infinite.eq(exponent.all()),
-            nan.eq(infinite & (any_nan | (infinities & subtract))),
+            nan.eq(infinite & (any_nan | (terms.not_finite & terms.subtract))),
             special.eq(both_zero | infinite),
-            far_carry.eq(far[-1] & ~subtract & ~special),
-            far_normal.eq(far[-2] | special),
+            far_carry.eq(far.total[-1] & ~terms.subtract & ~special),
+            far_normal.eq(far.total[-2] | special),
             overflow.eq(far_carry & (exponent == fmt.max_exponent_field - 1)),
-            path.eq(Mux(is_near, 0, Mux(far_carry, 1, Mux(far_normal, 2, 3)))),
+            path.eq(Mux(near.is_sum, 0, Mux(far_carry, 1, Mux(far_normal, 2, 3)))),
         ]
         # Clearing comes last: it becomes the reset of the output register.
-        result_fraction = Signal(fmt.fraction_bits)
-        result_exponent = Signal(fmt.exponent_bits)
-        result_sign = Signal()
+        result = Signal(FloatLayout(fmt))
+        fractions = [
+            near.significand[:-1], far.total[1:-1], far.total[:-2], Cat(far.last, far.total[:-3]),
+        ]  # fmt: skip
+        exponents = [near.exponent, exponent + 1, exponent, one_less]
         m.d.comb += [
-            result_fraction.eq(
-                select(path, [normalised[:-1], far[1:-1], far[:-2], Cat(far_last, far[:-3])])
-            ),
-            result_exponent.eq(select(path, [near_exponent, exponent + 1, exponent, one_less])),
-            result_sign.eq(sign),
+            result.fraction.eq(select(path, fractions)),
+            result.exponent.eq(select(path, exponents)),
+            result.sign.eq(terms.sign),
         ]
-        with m.If(is_near & near_is_zero):
-            m.d.comb += result_sign.eq(0)
+        with m.If(near.is_sum & near.is_zero):
+            m.d.comb += result.sign.eq(0)
         with m.If(both_zero):
-            m.d.comb += result_sign.eq(zero_sign)
+            m.d.comb += result.sign.eq(terms.zero_sign)
         with m.If(nan):
-            m.d.comb += result_sign.eq(0)
-        with m.If((is_near & near_underflow) | overflow | special):
-            m.d.comb += result_fraction.eq(0)
+            m.d.comb += result.sign.eq(0)
+        with m.If((near.is_sum & near.underflow) | overflow | special):
+            m.d.comb += result.fraction.eq(0)
         with m.If(nan):
-            m.d.comb += result_fraction[-1].eq(1)
-        with m.If(is_near & (near_is_zero | near_underflow)):
-            m.d.comb += result_exponent.eq(0)
-        return Cat(result_fraction, result_exponent, result_sign)
+            m.d.comb += result.fraction[-1].eq(1)
+        with m.If(near.is_sum & (near.is_zero | near.underflow)):
+            m.d.comb += result.exponent.eq(0)
+        return result
 
-    def _elaborate_single_path(self, m):
+    def _elaborate_single_path(self, m, a, b):
         """Align, add, normalise and round, one after the other: slower, but smaller."""
         pipeline = CutPoints(m, self._stages, _CUTS)
 
-        ordered = pipeline.cut("ordered", *self._elaborate_order(m))
-        aligned = pipeline.cut("aligned", *self._elaborate_alignment(m, *ordered))
-        summed = pipeline.cut("summed", *self._elaborate_sum(m, *aligned))
-        counted = pipeline.cut("leading_zeros", *self._elaborate_leading_zeros(m, *summed))
-        normalised = pipeline.cut("normalised", *self._elaborate_normalisation(m, *counted))
-        pipeline.output(self.sum, self._elaborate_rounding(m, *normalised))
+        ordered = pipeline.cut("ordered", self._elaborate_order(m, a, b))
+        aligned = pipeline.cut("aligned", self._elaborate_alignment(m, ordered))
+        summed = pipeline.cut("summed", self._elaborate_sum(m, aligned))
+        counted = pipeline.cut("leading_zeros", self._elaborate_leading_zeros(m, summed))
+        normalised = pipeline.cut("normalised", self._elaborate_normalisation(m, counted))
+        pipeline.output(self.sum, self._elaborate_rounding(m, normalised))
 
-    def _elaborate_order(self, m):
+    def _elaborate_order(self, m, a, b):
         """Find the larger operand.
 
         The operand to be shifted is selected by the exponents alone, which are quick to compare.
         Where they are equal nothing is shifted, and a comparison of the fractions that comes late
-        can still swap the two (`swap`).
+        can still swap the two.
         """
         fmt = self._fmt
-        fraction_bits, exponent_bits = fmt.fraction_bits, fmt.exponent_bits
-        fraction_a, fraction_b = self.a[:fraction_bits], self.b[:fraction_bits]
-        exponent_a, exponent_b = self.a[fraction_bits:-1], self.b[fraction_bits:-1]
-
-        difference = Signal(exponent_bits + 1)
-        opposite = Signal(exponent_bits)
+        difference = Signal(fmt.exponent_bits + 1)
+        opposite = Signal(fmt.exponent_bits)
         exponent_less = Signal()
         swap = Signal()
         m.d.comb += [
-            difference.eq(exponent_a - exponent_b),
-            opposite.eq(exponent_b - exponent_a),
+            difference.eq(a.exponent - b.exponent),
+            opposite.eq(b.exponent - a.exponent),
             exponent_less.eq(difference[-1]),
-            swap.eq((exponent_a == exponent_b) & (fraction_a < fraction_b)),
+            swap.eq((a.exponent == b.exponent) & (a.fraction < b.fraction)),
         ]
 
-        shift = Signal(exponent_bits)
+        shift = Signal(fmt.exponent_bits)
         small_is_zero = Signal()
         small = Signal(fmt.precision)
         m.d.comb += [
             shift.eq(Mux(exponent_less, opposite, difference)),
-            small_is_zero.eq((exponent_a == 0) | (exponent_b == 0)),
-            small.eq(
-                Mux(
-                    small_is_zero,
-                    0,
-                    Cat(Mux(exponent_less, fraction_a, fraction_b), 1),
-                )
-            ),
+            small_is_zero.eq(a.is_zero | b.is_zero),
+            small.eq(Mux(small_is_zero, 0, Cat(Mux(exponent_less, a.fraction, b.fraction), 1))),
         ]
 
         large_is_b = Signal()
-        large = Signal(fraction_bits)
-        exponent = Signal(exponent_bits)
+        large = Signal(fmt.fraction_bits)
+        exponent = Signal(fmt.exponent_bits)
+        sign = Signal()
         m.d.comb += [
             large_is_b.eq(exponent_less | swap),
-            large.eq(Mux(large_is_b, fraction_b, fraction_a)),
-            exponent.eq(Mux(exponent_less, exponent_b, exponent_a)),
+            large.eq(Mux(large_is_b, b.fraction, a.fraction)),
+            exponent.eq(Mux(exponent_less, b.exponent, a.exponent)),
+            sign.eq(Mux(large_is_b, b.sign, a.sign)),
         ]
 
-        sign = Signal()
-        subtract = Signal()
-        zero_sign = Signal()
-        infinities = Signal()
-        m.d.comb += [
-            sign.eq(Mux(large_is_b, self.b[-1], self.a[-1])),
-            subtract.eq(self.a[-1] ^ self.b[-1]),
-            zero_sign.eq(self.a[-1] & self.b[-1]),
-            infinities.eq(exponent_a.all() & exponent_b.all()),
-        ]
-        return (
-            fraction_a,
-            swap,
-            small,
-            shift,
-            large,
-            exponent,
-            sign,
-            subtract,
-            zero_sign,
-            infinities,
+        terms = _Terms(
+            exponent=exponent,
+            sign=sign,
+            subtract=a.sign ^ b.sign,
+            zero_sign=a.sign & b.sign,
+            not_finite=a.exponent.all() & b.exponent.all(),
         )
+        return _Ordered(small, shift, large, swap, other=a.fraction, terms=terms)
 
-    def _elaborate_alignment(
-        self, m, fraction_a, swap, small, shift, large, exponent, sign, subtract, zero_sign,
-        infinities,
-    ):  # fmt: skip
+    def _elaborate_alignment(self, m, ordered):
         """Shift the smaller operand to the right, with guard, round and sticky bits."""
-        width = small.shape().width + 2
+        width = self._fmt.precision + 2
+        shift = ordered.shift
         value = Signal(width, name="small_extended")
-        m.d.comb += value.eq(Cat(Const(0, 2), small))
+        m.d.comb += value.eq(Cat(Const(0, 2), ordered.small))
 
         # Two bits of the distance at a time: a multiplexer of four fills a LUT.
         sticky = Const(0, 1)
@@ -401,89 +453,87 @@ class FloatAdder(FloatUnit):
             value = shifted
             position += 2
 
-        aligned = Signal(width + 1)
-        m.d.comb += aligned.eq(Cat(sticky, value))
-        with m.If(swap):
+        small = Signal(width + 1, name="aligned")
+        m.d.comb += small.eq(Cat(sticky, value))
+        with m.If(ordered.swap):
             # The exponents are equal: nothing was shifted.
-            m.d.comb += aligned.eq(Cat(Const(0, 3), fraction_a, 1))
-        return aligned, large, exponent, sign, subtract, zero_sign, infinities
+            m.d.comb += small.eq(Cat(Const(0, 3), ordered.other, 1))
+        return _Aligned(small, ordered.large, ordered.terms)
 
-    def _elaborate_sum(self, m, aligned, large, exponent, sign, subtract, zero_sign, infinities):
+    def _elaborate_sum(self, m, aligned):
         """Add or subtract; the difference is never negative. Decide on special results."""
-        width = len(aligned) + 1
-        total = Signal(width)
+        small, large, terms = aligned.small, aligned.large, aligned.terms
+        total = Signal(len(small) + 1)
         first = Cat(Const(0, 3), large, Const(1, 2))
-        second = Mux(subtract, ~aligned, aligned)
+        second = Mux(terms.subtract, ~small, small)
         # A carry into the lowest place, as an additional place below it.
-        wide = Signal(width + 1)
+        wide = Signal(len(total) + 1)
         m.d.comb += [
-            wide.eq(Cat(subtract, first) + Cat(subtract, second, subtract)),
+            wide.eq(Cat(terms.subtract, first) + Cat(terms.subtract, second, terms.subtract)),
             total.eq(wide[1:]),
         ]
 
-        both_zero = Signal()
-        nan = Signal()
         infinite = Signal()
+        special = Signal(Special)
         m.d.comb += [
-            both_zero.eq(exponent == 0),
-            infinite.eq(exponent.all()),
+            infinite.eq(terms.exponent.all()),
+            special.sign.eq(terms.sign),
+            special.zero.eq(terms.exponent == 0),
+            special.infinite.eq(infinite),
             # The larger operand is NaN if any is. If it is infinity, the smaller one is not NaN.
-            nan.eq(infinite & (large.any() | (infinities & subtract))),
+            special.nan.eq(infinite & (large.any() | (terms.not_finite & terms.subtract))),
         ]
-        return total, exponent, sign, zero_sign, both_zero, infinite, nan
+        return _Summed(total, terms.exponent, terms.zero_sign, special)
 
-    def _elaborate_leading_zeros(
-        self, m, total, exponent, sign, zero_sign, both_zero, infinite, nan
-    ):
+    def _elaborate_leading_zeros(self, m, summed):
         """Count leading zeros in steps of 4, and shift by multiples of 16."""
-        sixteens, fours, is_zero = normalisation_digits(m, total)
-        partly = shift_left_digit(m, total, sixteens, 16)
+        total, exponent, before = summed.total, summed.exponent, summed.special
+        coarse, is_zero = normalisation_digits(m, total)
+        partly = shift_left_digit(m, total, coarse.sixteens, 16)
 
-        zero = Signal()
         cleared_sign = Signal()
         overflow = Signal()
+        special = Signal(Special)
         m.d.comb += [
-            zero.eq(~infinite & (both_zero | is_zero)),
-            cleared_sign.eq(Mux(both_zero, zero_sign, sign & ~is_zero)),
+            cleared_sign.eq(Mux(before.zero, summed.zero_sign, before.sign & ~is_zero)),
             # Rounding that carries into the exponent clears the fraction by itself.
             overflow.eq(total[-1] & (exponent == self._fmt.max_exponent_field - 1)),
+            # The exponent of infinity and NaN is forced, their sign is not cleared.
+            special.sign.eq(~before.nan & Mux(before.infinite, before.sign, cleared_sign)),
+            special.zero.eq(~before.infinite & (before.zero | is_zero)),
+            special.infinite.eq(before.infinite | overflow),
+            special.nan.eq(before.nan),
         ]
-        # The exponent of infinity and NaN is forced, their sign is not cleared.
-        final_sign = Signal()
-        m.d.comb += final_sign.eq(~nan & Mux(infinite, sign, cleared_sign))
-        return (
-            partly, fours, Cat(fours, sixteens), exponent, final_sign, zero, infinite | overflow,
-            nan,
-        )  # fmt: skip
+        return _Counted(partly, coarse, exponent, special)
 
-    def _elaborate_normalisation(
-        self, m, partly, fours, coarse, exponent, sign, zero, infinite, nan
-    ):
+    def _elaborate_normalisation(self, m, counted):
         """Shift the leading one to the top."""
-        coarsely = shift_left_digit(m, partly, fours, 4)
+        coarsely = shift_left_digit(m, counted.total, counted.coarse.fours, 4)
         ones = leading_units_digit(m, coarsely)
         normalised = shift_left_digit(m, coarsely, ones, 1)
 
         # The top place of the sum is worth one more than the exponent.
-        coarse_exponent = Signal(self._fmt.exponent_bits + 2)
+        exponent = Signal(self._fmt.exponent_bits + 2, name="coarse_exponent")
         underflow = Signal()
+        special = Signal(Special)
         m.d.comb += [
-            coarse_exponent.eq(exponent - Cat(Const(0, 2), coarse)),
+            exponent.eq(counted.exponent - Cat(Const(0, 2), counted.coarse.value)),
             # At most 0 after `ones` is subtracted and 1 added. No rounding changes that: so small
             # a sum is exact.
-            underflow.eq(
-                coarse_exponent[-1] | ((coarse_exponent[2:] == 0) & (coarse_exponent[:2] < ones))
-            ),
+            underflow.eq(exponent[-1] | ((exponent[2:] == 0) & (exponent[:2] < ones))),
+            special.eq(counted.special),
+            special.zero.eq(counted.special.zero | underflow),
         ]
-        return normalised, ones, coarse_exponent, sign, zero | underflow, infinite, nan
+        return _Normalised(normalised, exponent, ones, special)
 
-    def _elaborate_rounding(self, m, normalised, ones, coarse_exponent, sign, zero, infinite, nan):
+    def _elaborate_rounding(self, m, normalised):
         """Round, and finish the exponent in the same carry chain."""
         fmt = self._fmt
-        low = len(normalised) - fmt.precision
-        fraction = normalised[low:-1]
-        guard = normalised[low - 1]
-        sticky = normalised[: low - 1].any()
+        total, ones = normalised.total, normalised.ones
+        low = len(total) - fmt.precision
+        fraction = total[low:-1]
+        guard = total[low - 1]
+        sticky = total[: low - 1].any()
         round_up = Signal()
         exponent_step = Signal(fmt.exponent_bits)
         rounded = Signal(fmt.width)
@@ -492,17 +542,8 @@ class FloatAdder(FloatUnit):
             # 1 - ones
             exponent_step.eq(Cat(~ones[0], (ones == 2) | (ones == 3), *[ones[1]] * 62)),
             rounded.eq(
-                Cat(Const(1, 1), fraction, coarse_exponent[: fmt.exponent_bits])
+                Cat(Const(1, 1), fraction, normalised.exponent[: fmt.exponent_bits])
                 + Cat(round_up, Const(0, fmt.fraction_bits), exponent_step)
             ),
         ]
-
-        result = Signal(fmt.width)
-        m.d.comb += result.eq(Cat(rounded[1 : fmt.width], sign))
-        with m.If(nan):
-            m.d.comb += result.eq(fmt.nan)
-        with m.Elif(infinite):
-            m.d.comb += result[:-1].eq(fmt.infinity)
-        with m.Elif(zero):
-            m.d.comb += result[:-1].eq(0)
-        return result
+        return self._elaborate_result(m, rounded[1:], normalised.special)

@@ -1,7 +1,10 @@
 """Floating-point multiplier."""
 
-from amaranth import Cat, Const, Module, Signal
+from dataclasses import dataclass
 
+from amaranth import Cat, Const, Module, Mux, Signal, Value
+
+from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.pipelining import CutPoints
 from ukf_sw.spec.parameters import Pipeline
@@ -21,6 +24,24 @@ _CUTS = {
 # by as many bits for the cascade to the next one.
 _PIECE_BITS = 17
 _WIDE_BITS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """What is known of the product without the significands."""
+
+    exponent: Value  # one less than that of a product below two
+    special: Special
+
+
+@dataclass(frozen=True, eq=False)
+class _Normalised:
+    """A product with its leading one at the top."""
+
+    fraction: Value
+    round_up: Value
+    high: Value  # the product of the significands is at least two
+    scale: _Scale
 
 
 class FloatMultiplier(FloatUnit):
@@ -66,23 +87,18 @@ class FloatMultiplier(FloatUnit):
     def elaborate(self, platform):
         m = Module()
         fmt = self._fmt
+        number = FloatLayout(fmt)
         pipeline = CutPoints(m, self._stages, _CUTS)
-        a, b = pipeline.cut("input", self.a, self.b)
+        a, b = (pipeline.cut("input", number(word)) for word in (self.a, self.b))
 
-        control = self._elaborate_control(m, a, b)
-        significand_a = Cat(a[: fmt.fraction_bits], Const(1, 1))
-        significand_b = Cat(b[: fmt.fraction_bits], Const(1, 1))
-        pieces = [
-            significand_b[start : start + _PIECE_BITS]
-            for start in range(0, fmt.precision, _PIECE_BITS)
-        ]
+        scale = self._elaborate_scale(m, a, b)
         partials = []
-        for index, piece in enumerate(pieces):
+        for index, start in enumerate(range(0, fmt.precision, _PIECE_BITS)):
+            piece = b.significand[start : start + _PIECE_BITS]
             partial = Signal(fmt.precision + len(piece), name=f"partial_{index}")
-            m.d.comb += partial.eq(significand_a * piece)
-            partials.append(partial)
-        control = pipeline.cut("partial", *control)
-        partials = pipeline.cut("partial", *partials)
+            m.d.comb += partial.eq(a.significand * piece)
+            partials.append(pipeline.cut("partial", partial))
+        scale = pipeline.cut("partial", scale)
 
         # The sums of a chain of DSPs, each of which takes the one before it shifted.
         total = Signal(2 * fmt.precision)
@@ -94,45 +110,31 @@ class FloatMultiplier(FloatUnit):
             m.d.comb += chained.eq(partial + upper[_PIECE_BITS:])
             upper = chained
         m.d.comb += total.eq(Cat(*low_bits, upper))
-        (total,) = pipeline.cut("product", total)
-        control = pipeline.cut("product", *control)
+        total = pipeline.cut("product", total)
+        scale = pipeline.cut("product", scale)
 
-        normalised = pipeline.cut("normalised", *self._elaborate_normalisation(m, total), *control)
-        pipeline.output(self.product, self._elaborate_rounding(m, *normalised))
+        normalised = pipeline.cut("normalised", self._elaborate_normalisation(m, total, scale))
+        pipeline.output(self.product, self._elaborate_rounding(m, normalised))
 
         return m
 
-    def _elaborate_control(self, m, a, b):
-        """Sign, exponent and special results."""
+    def _elaborate_scale(self, m, a, b):
+        """Exponent, sign and special results."""
         fmt = self._fmt
-        exponent_a, exponent_b = a[fmt.fraction_bits : -1], b[fmt.fraction_bits : -1]
-        fraction_a, fraction_b = a[: fmt.fraction_bits], b[: fmt.fraction_bits]
-
-        sign = Signal()
-        # One less than the exponent field of a product below two.
         exponent = Signal(fmt.exponent_bits + 2)
-        zero = Signal()
-        infinite = Signal()
         nan = Signal()
-        zero_a, zero_b = Signal(), Signal()
-        special_a, special_b = Signal(), Signal()
+        special = Signal(Special)
         m.d.comb += [
-            zero_a.eq(exponent_a == 0),
-            zero_b.eq(exponent_b == 0),
-            special_a.eq(exponent_a.all()),
-            special_b.eq(exponent_b.all()),
-            exponent.eq(exponent_a + exponent_b - (fmt.bias + 1)),
-            zero.eq(zero_a | zero_b),
-            infinite.eq(special_a | special_b),
-            nan.eq(
-                (special_a & fraction_a.any()) | (special_b & fraction_b.any())
-                | (special_a & zero_b) | (special_b & zero_a)
-            ),
-            sign.eq((a[-1] ^ b[-1]) & ~nan),
-        ]  # fmt: skip
-        return sign, exponent, zero, infinite, nan
+            exponent.eq(a.exponent + b.exponent - (fmt.bias + 1)),
+            nan.eq(a.is_nan | b.is_nan | (~a.is_finite & b.is_zero) | (~b.is_finite & a.is_zero)),
+            special.sign.eq((a.sign ^ b.sign) & ~nan),
+            special.zero.eq(a.is_zero | b.is_zero),
+            special.infinite.eq(~a.is_finite | ~b.is_finite),
+            special.nan.eq(nan),
+        ]
+        return _Scale(exponent, special)
 
-    def _elaborate_normalisation(self, m, total):
+    def _elaborate_normalisation(self, m, total, scale):
         """Bring the leading one to the top, and decide on rounding."""
         fmt = self._fmt
         high = Signal()
@@ -151,33 +153,28 @@ class FloatMultiplier(FloatUnit):
                 fraction.eq(total[low + 1 :]),
                 round_up.eq(total[low] & (total[low + 1] | sticky)),
             ]
-        return high, fraction, round_up
+        return _Normalised(fraction, round_up, high, scale)
 
-    def _elaborate_rounding(self, m, high, fraction, round_up, sign, exponent, zero, infinite, nan):
+    def _elaborate_rounding(self, m, normalised):
         """Round; the carry goes on into the exponent."""
         fmt = self._fmt
+        exponent, before = normalised.scale.exponent, normalised.scale.special
         rounded = Signal(fmt.fraction_bits + fmt.exponent_bits + 3)
         m.d.comb += rounded.eq(
-            Cat(Const(1, 1), fraction, exponent)
-            + Cat(round_up, Const(0, fmt.fraction_bits), Const(1, 1) + high)
+            Cat(Const(1, 1), normalised.fraction, exponent)
+            + Cat(normalised.round_up, Const(0, fmt.fraction_bits), Const(1, 1) + normalised.high)
         )
         # The exponent is between minus its bias and twice its bias.
         field = rounded[1 + fmt.fraction_bits :]
         underflow = Signal()
         overflow = Signal()
+        magnitude = Signal(fmt.width - 1)
+        special = Signal(Special)
         m.d.comb += [
             underflow.eq(field[-1] | (field == 0)),
             overflow.eq(~field[-1] & (field[-2] | field[:-2].all())),
+            magnitude.eq(Mux(overflow, fmt.infinity, rounded[1 : fmt.width])),
+            special.eq(before),
+            special.zero.eq(before.zero | underflow),
         ]
-
-        result = Signal(fmt.width)
-        m.d.comb += result.eq(Cat(rounded[1 : fmt.width], sign))
-        with m.If(nan):
-            m.d.comb += result.eq(fmt.nan)
-        with m.Elif(infinite):
-            m.d.comb += result[:-1].eq(fmt.infinity)
-        with m.Elif(zero | underflow):
-            m.d.comb += result[:-1].eq(0)
-        with m.Elif(overflow):
-            m.d.comb += result[:-1].eq(fmt.infinity)
-        return result
+        return self._elaborate_result(m, magnitude, special)

@@ -1,5 +1,6 @@
 """What the floating-point units have in common."""
 
+from amaranth import Cat, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -57,3 +58,16 @@ class FloatUnit(wiring.Component):
     def stages(self):
         """Latency given to the constructor."""
         return self._stages
+
+    def _elaborate_result(self, m, magnitude, special):
+        """Put a sign to a number, or something special in its place."""
+        fmt = self._fmt
+        result = Signal(fmt.width)
+        m.d.comb += result.eq(Cat(magnitude, special.sign))
+        with m.If(special.nan):
+            m.d.comb += result.eq(fmt.nan)
+        with m.Elif(special.infinite):
+            m.d.comb += result[:-1].eq(fmt.infinity)
+        with m.Elif(special.zero):
+            m.d.comb += result[:-1].eq(0)
+        return result

@@ -1,8 +1,35 @@
 """Leading zeros and left shifts in digits of two bits, as LUTs of six inputs like them."""
 
-from amaranth import Cat, Mux, Signal
+from dataclasses import dataclass
 
-__all__ = ["leading_units_digit", "normalisation_digits", "select", "shift_left_digit"]
+from amaranth import Cat, Mux, Signal, Value
+
+__all__ = [
+    "Coarse",
+    "leading_units_digit",
+    "normalisation_digits",
+    "select",
+    "shift_left_digit",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """A count of leading zeros without its lowest digit.
+
+    Parameters
+    ----------
+    sixteens, fours : :class:`Value`
+        Its digits.
+    """
+
+    sixteens: Value
+    fours: Value
+
+    @property
+    def value(self):
+        """Number of fours in all."""
+        return Cat(self.fours, self.sixteens)
 
 
 def normalisation_digits(m, value):
@@ -17,9 +44,9 @@ def normalisation_digits(m, value):
 
     Returns
     -------
-    (sixteens, fours, is_zero)
-        A shift to the left by :py:`16 * sixteens + 4 * fours` brings the leading one into the top
-        four bits. If the number is zero, only :py:`is_zero` has a meaning.
+    (coarse, is_zero)
+        A shift to the left by :py:`16 * coarse.sixteens + 4 * coarse.fours` brings the leading one
+        into the top four bits. If the number is zero, only :py:`is_zero` has a meaning.
     """
     top = len(value)
     groups = [value[max(0, end - 4) : end].any() for end in range(top, 0, -4)]
@@ -36,7 +63,7 @@ def normalisation_digits(m, value):
         for index, digit in enumerate(digits):
             with m.Case(index):
                 m.d.comb += fours.eq(digit)
-    return sixteens, fours, ~any_set.any()
+    return Coarse(sixteens, fours), ~any_set.any()
 
 
 def leading_units_digit(m, value):

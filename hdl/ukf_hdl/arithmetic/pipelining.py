@@ -1,5 +1,7 @@
 """Optional registers along a datapath."""
 
+from dataclasses import fields, is_dataclass
+
 from amaranth import Signal
 
 __all__ = ["CutPoints"]
@@ -34,23 +36,37 @@ class CutPoints:
         """Whether a register stands at the place of this name."""
         return name in self._cuts
 
-    def cut(self, name, *values):
-        """Pass values through a register if the place of this name is in use.
+    def cut(self, name, value):
+        """Pass what travels together through registers if the place of this name is in use.
 
-        Every value that is used later must go through every place.
+        Everything that is used later must go through every place.
+
+        Parameters
+        ----------
+        name : :class:`str`
+            Name of the place.
+        value : value-like, :class:`tuple` or dataclass
+            A value, or values that travel together. Each gets a register of its own, which
+            simulators handle faster than the parts of a wide one.
         """
-        if name not in self._cuts:
-            return values
-        return tuple(self._register(value, name) for value in values)
+        return self._registers(value, name) if name in self._cuts else value
 
     def output(self, target, value):
         """Drive an output through the remaining registers."""
-        for _ in range(self._output_registers - 1):
-            value = self._register(value, "output")
-        register = self._register(value, "output")
-        self._m.d.comb += target.eq(register)
+        for _ in range(self._output_registers):
+            value = self._registers(value, "output")
+        self._m.d.comb += target.eq(value)
 
-    def _register(self, value, name):
+    def _registers(self, value, name):
+        if is_dataclass(value):
+            parts = {field.name: getattr(value, field.name) for field in fields(value)}
+            return type(value)(**{
+                part: self._registers(inner, f"{name}_{part}") for part, inner in parts.items()
+            })  # fmt: skip
+        if isinstance(value, tuple):
+            return tuple(
+                self._registers(inner, f"{name}_{index}") for index, inner in enumerate(value)
+            )
         register = Signal(value.shape(), name=f"{name}_register", reset_less=True)
         self._m.d.sync += register.eq(value)
         return register

@@ -1,8 +1,11 @@
 """Reciprocal square root."""
 
-from amaranth import Cat, Const, Module, Mux, Signal, signed
+from dataclasses import dataclass, replace
+
+from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib.memory import Memory
 
+from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.pipelining import CutPoints
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
@@ -37,6 +40,34 @@ _NEWTON_CUTS = {
 # Width of the widest port of a RAMB18.
 _BLOCK_BITS = 36
 _BLOCK_MIN_DEPTH = 128
+
+
+@dataclass(frozen=True, eq=False)
+class _Operand:
+    """What is known of the root before it is approximated."""
+
+    distance: Value  # from the middle of the segment of the table
+    radicand: Value  # for Newton's iteration, which is the only one to use it
+    exponent: Value  # of a root below one
+    special: Special
+
+
+@dataclass(frozen=True, eq=False)
+class _Horner:
+    """A value on the way from the highest coefficient to the polynomial."""
+
+    value: Value
+    coefficients: tuple[Value, ...]  # those that are still to be added
+    operand: _Operand
+
+
+@dataclass(frozen=True, eq=False)
+class _Newton:
+    """A value on the way from an estimate of the root to a better one."""
+
+    value: Value
+    root: Value  # the estimate
+    operand: _Operand
 
 
 class ReciprocalSqrt(FloatUnit):
@@ -82,72 +113,65 @@ class ReciprocalSqrt(FloatUnit):
         params, fmt = self._params, self.fmt
         cuts = _NEWTON_CUTS if params.newton else _CUTS
         pipeline = CutPoints(m, self._stages, cuts)
+        a = FloatLayout(fmt)(self.a)
 
-        # The radicand is only used by Newton's iteration.
-        control = self._elaborate_control(m)
-        fraction = self.a[: fmt.fraction_bits]
-        odd = ~self.a[fmt.fraction_bits]
-        radicand = Mux(odd, Cat(Const(0, 1), fraction, Const(1, 1)), Cat(fraction, Const(1, 2)))
-        if not params.newton:
-            radicand = Const(0, 1)
-        low = fraction[fmt.fraction_bits - params.distance_fraction_bits : -params.index_bits]
-        distance = Cat(low[:-1], ~low[-1]).as_signed()
-
-        index = Cat(fraction[-params.index_bits :], odd)
-        c0, c1, c2 = self._elaborate_table(m, index, pipeline)
-        distance, radicand, *control = pipeline.cut("table", distance, radicand, *control)
+        operand = self._elaborate_operand(m, a)
+        index = Cat(a.fraction[-params.index_bits :], ~a.exponent[0])
+        *rest, last = self._elaborate_table(m, index, pipeline)
+        operand = pipeline.cut("table", operand)
 
         # c1 + d * c2
         if params.degree == 2:
-            product = Signal(signed(params.distance_bits + len(c2)), name="slope_product")
-            m.d.comb += product.eq(distance * c2)
-        else:
-            product = Const(0, 1)
-        product, c0, c1, distance, radicand, *control = pipeline.cut(
-            "slope_product", product, c0, c1, distance, radicand, *control
-        )
-        slope = c1
-        if params.degree == 2:
+            product = Signal(signed(params.distance_bits + len(last)), name="slope_product")
+            m.d.comb += product.eq(operand.distance * last)
+            term = pipeline.cut("slope_product", _Horner(product, tuple(rest), operand))
+            *rest, c1 = term.coefficients
             fine_bits = params.c2_fraction_bits + params.distance_fraction_bits
             total = Signal(signed(fine_bits + 1), name="slope_total")
-            m.d.comb += total.eq((c1 << (fine_bits - params.c1_fraction_bits)) + product)
+            m.d.comb += total.eq((c1 << (fine_bits - params.c1_fraction_bits)) + term.value)
             slope = total[fine_bits - params.slope_fraction_bits :].as_signed()
-        slope, c0, distance, radicand, *control = pipeline.cut(
-            "slope", slope, c0, distance, radicand, *control
-        )
+            slope = _Horner(slope, tuple(rest), term.operand)
+        else:
+            slope = pipeline.cut("slope_product", _Horner(last, tuple(rest), operand))
+        slope = pipeline.cut("slope", slope)
 
         # c0 + d * (c1 + d * c2)
         scale_bits = params.slope_fraction_bits + params.distance_fraction_bits
-        product = Signal(signed(params.distance_bits + len(slope)), name="root_product")
-        m.d.comb += product.eq(distance * slope)
-        product, c0, radicand, *control = pipeline.cut(
-            "root_product", product, c0, radicand, *control
-        )
+        product = Signal(signed(params.distance_bits + len(slope.value)), name="root_product")
+        m.d.comb += product.eq(slope.operand.distance * slope.value)
+        term = pipeline.cut("root_product", replace(slope, value=product))
+        (c0,) = term.coefficients
         total = Signal(scale_bits + 1, name="root_total")
-        m.d.comb += total.eq((c0 << (scale_bits - params.c0_fraction_bits)) + product)
+        m.d.comb += total.eq((c0 << (scale_bits - params.c0_fraction_bits)) + term.value)
         root = total[scale_bits - params.root_fraction_bits :]
-        root, radicand, *control = pipeline.cut("root", root, radicand, *control)
+        root = pipeline.cut("root", _Horner(root, (), term.operand))
 
         if params.newton:
-            root, control = self._elaborate_newton(m, pipeline, root, radicand, control)
-        pipeline.output(self.root, self._elaborate_result(m, root, *control))
+            root = self._elaborate_newton(m, pipeline, root)
+        operand = root.operand
+        # A root of one is one doubling above the others; its fraction is zero.
+        exponent = (operand.exponent + root.value[fmt.precision])[: fmt.exponent_bits]
+        magnitude = Cat(root.value[: fmt.fraction_bits], exponent)
+        pipeline.output(self.root, self._elaborate_result(m, magnitude, operand.special))
 
         return m
 
-    def _elaborate_control(self, m):
-        """Exponent of a root below one, and special results."""
-        fmt = self.fmt
-        field = self.a[fmt.fraction_bits : -1]
+    def _elaborate_operand(self, m, a):
+        """Distance, radicand, exponent and special results."""
+        params, fmt = self._params, self.fmt
+        low = a.fraction[fmt.fraction_bits - params.distance_fraction_bits : -params.index_bits]
+        distance = Cat(low[:-1], ~low[-1]).as_signed()
+        odd = ~a.exponent[0]
+        radicand = Mux(odd, Cat(Const(0, 1), a.significand), Cat(a.significand, Const(0, 1)))
         exponent = Signal(fmt.exponent_bits)
-        zero = Signal()
-        nan = Signal()
+        special = Signal(Special)
         m.d.comb += [
             # Half the bias, rounded up, comes back when the stored exponent is halved.
-            exponent.eq((3 * fmt.bias - 1 - field) >> 1),
-            zero.eq((field == 0) | field.all()),
-            nan.eq(((field != 0) & self.a[-1]) | (field.all() & self.a[: fmt.fraction_bits].any())),
+            exponent.eq((3 * fmt.bias - 1 - a.exponent) >> 1),
+            special.zero.eq(a.is_zero | ~a.is_finite),
+            special.nan.eq((~a.is_zero & a.sign) | a.is_nan),
         ]
-        return exponent, zero, nan
+        return _Operand(distance, radicand if params.newton else Const(0, 1), exponent, special)
 
     def _elaborate_table(self, m, index, pipeline):
         """Look up the coefficients, with the register of the cut "table" inside the memories."""
@@ -200,52 +224,41 @@ class ReciprocalSqrt(FloatUnit):
             m.d.comb += port.addr.eq(index)
             parts.append(port.data)
 
-        data = Cat(*parts)
+        row = Cat(*parts)
         coefficients = []
         position = 0
         for width, leading in zip(widths, shared, strict=True):
-            coefficients.append(Cat(data[position : position + width], leading))
+            coefficients.append(Cat(row[position : position + width], leading))
             position += width
-        c0, c1, *c2 = coefficients
-        return c0, c1.as_signed(), c2[0] if c2 else Const(0, 1)
+        c0, *others = coefficients
+        return c0, *(c.as_signed() for c in others)
 
-    def _elaborate_newton(self, m, pipeline, root, radicand, control):
+    def _elaborate_newton(self, m, pipeline, estimate):
         """Add half of y * (1 - r * y * y) to the root y."""
         params, precision = self._params, self.fmt.precision
+        root, operand = estimate.value, estimate.operand
         # r * y
         product = Signal(params.product_fraction_bits + 2, name="newton_product")
-        m.d.comb += product.eq((radicand * root) >> (params.root_fraction_bits - 6))
-        product, root, *control = pipeline.cut("product", product, root, *control)
+        m.d.comb += product.eq((operand.radicand * root) >> (params.root_fraction_bits - 6))
+        scaled = pipeline.cut("product", _Newton(product, root, operand))
 
         # What is above the residual is known: it is small.
         residual_end = params.root_fraction_bits + params.residual_bits
         square = Signal(residual_end, name="newton_square")
         residual = Signal(signed(params.residual_bits), name="newton_residual")
         m.d.comb += [
-            square.eq(-(product * root)),
+            square.eq(-(scaled.value * scaled.root)),
             residual.eq(square[params.root_fraction_bits :]),
         ]
-        residual, root, *control = pipeline.cut("residual", residual, root, *control)
+        error = pipeline.cut("residual", replace(scaled, value=residual))
 
         drop = params.product_fraction_bits + params.root_fraction_bits + 1 - precision
         correction = Signal(signed(params.residual_bits + len(root) + 1), name="correction")
-        m.d.comb += correction.eq(root * residual + (1 << (drop - 1)))
-        correction, root, *control = pipeline.cut("correction", correction, root, *control)
+        m.d.comb += correction.eq(error.root * error.value + (1 << (drop - 1)))
+        step = pipeline.cut("correction", replace(error, value=correction))
 
         refined = Signal(precision + 1)
         m.d.comb += refined.eq(
-            (root << (precision - params.root_fraction_bits)) + (correction >> drop)
+            (step.root << (precision - params.root_fraction_bits)) + (step.value >> drop)
         )
-        return refined, control
-
-    def _elaborate_result(self, m, root, exponent, zero, nan):
-        """Assemble the result."""
-        fmt = self.fmt
-        result = Signal(fmt.width)
-        # A root of one is one doubling above the others; its fraction is zero.
-        m.d.comb += result.eq(Cat(root[: fmt.fraction_bits], exponent + root[fmt.precision]))
-        with m.If(nan):
-            m.d.comb += result.eq(fmt.nan)
-        with m.Elif(zero):
-            m.d.comb += result.eq(0)
-        return result
+        return replace(step, value=refined)

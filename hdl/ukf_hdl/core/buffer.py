@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from ukf_hdl.core.axi4_lite import AccessSignature
+from ukf_hdl.core.signatures import EstimateSignature, MemorySignature
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.memory_map import MemoryMap
@@ -41,16 +42,13 @@ class Buffer(wiring.Component):
         Accesses; addresses as in :class:`MemoryMap`.
     busy : :py:`In(1)`
         High while the engine runs.
-    state_bank, factor_bank : :py:`In(1)`
+    banks : :py:`In(EstimateSignature())`
         Which copies of x and L are the current ones.
-    state_written, factor_written : :py:`Out(1)`
+    written : :py:`Out(EstimateSignature())`
         High for one clock when x, when L is written, at least one byte of it.
-    lane, address : :py:`Out(range(params.pes))`, :py:`Out(layout.address_width)`
-        Word of the memories, from the second clock of an access to its end.
-    write, write_data, write_strobe : :py:`Out(1)`, :py:`Out(width)`, :py:`Out(bytes)`
-        Write to that word, on this clock, of the bytes that are strobed.
-    read_data : :py:`In(width)`
-        That word, :py:`LOAD_LATENCY` clocks after it is asked for.
+    memory : :py:`Out(MemorySignature(...))`
+        Memories of the engine. Lane and address hold from the second clock of an access to its
+        end.
 
     Raises
     ------
@@ -70,20 +68,12 @@ class Buffer(wiring.Component):
         self._map = MemoryMap(params)
         self._tabulate()
 
-        width = params.format.width
         super().__init__({
-            "access":         In(AccessSignature(address_width=self._map.address_width)),
-            "busy":           In(1),
-            "state_bank":     In(1),
-            "factor_bank":    In(1),
-            "state_written":  Out(1),
-            "factor_written": Out(1),
-            "lane":           Out(range(params.pes)),
-            "address":        Out(layout.address_width),
-            "write":          Out(1),
-            "write_data":     Out(width),
-            "write_strobe":   Out(-(-width // 8)),
-            "read_data":      In(width),
+            "access":  In(AccessSignature(address_width=self._map.address_width)),
+            "busy":    In(1),
+            "banks":   In(EstimateSignature()),
+            "written": Out(EstimateSignature()),
+            "memory":  Out(MemorySignature(params, layout.address_width)),
         })  # fmt: skip
 
     def _location(self, region, row, column, **banks):
@@ -126,8 +116,8 @@ class Buffer(wiring.Component):
         with m.If(clock == 0):
             m.d.sync += [
                 refused.eq(~valid | self.busy),
-                self.lane.eq(lane),
-                self.address.eq(address),
+                self.memory.lane.eq(lane),
+                self.memory.address.eq(address),
             ]
 
         # Then: write or fail at once, or wait for the memories.
@@ -136,7 +126,7 @@ class Buffer(wiring.Component):
             access.ack.eq(((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)),
             access.error.eq(refused),
             writing.eq((clock == 1) & access.write & ~refused),
-            self.write.eq(writing),
+            self.memory.write.eq(writing),
         ]
         with m.If(~access.valid | access.ack):
             m.d.sync += clock.eq(0)
@@ -148,8 +138,8 @@ class Buffer(wiring.Component):
         region = self._fields()[0]
         with m.If(writing & access.strobe.any()):
             m.d.comb += [
-                self.state_written.eq(region == self._map["x"].index),
-                self.factor_written.eq(region == self._map["L"].index),
+                self.written.state.eq(region == self._map["x"].index),
+                self.written.factor.eq(region == self._map["L"].index),
             ]
         return m
 
@@ -179,7 +169,7 @@ class Buffer(wiring.Component):
                         first.eq(self._first[region]),
                     ]
                     for bank, distance in zip(
-                        (self.state_bank, self.factor_bank), self._distances[region], strict=True
+                        (self.banks.state, self.banks.factor), self._distances[region], strict=True
                     ):
                         if distance:
                             with m.If(bank):
@@ -227,13 +217,13 @@ class Buffer(wiring.Component):
         # A word of a wide element, by the lowest bit of the address of words.
         word = access.address[2 : self._map.byte_bits]
         m.d.comb += [
-            read_words.eq(self.read_data),
+            read_words.eq(self.memory.read_data),
             selected.eq(read_words.word_select(word, DATA_WIDTH) if words > 1 else read_words),
-            self.write_data.eq(Cat(access.data for _ in range(words))),
+            self.memory.write_data.eq(Cat(access.data for _ in range(words))),
         ]
         for index in range(words):
             with m.If(word == index):
                 lanes = slice(index * strobe_width, (index + 1) * strobe_width)
-                m.d.comb += self.write_strobe[lanes].eq(access.strobe)
+                m.d.comb += self.memory.write_strobe[lanes].eq(access.strobe)
         with m.If(~refused):
             m.d.comb += access.read_data.eq(selected)

@@ -6,6 +6,7 @@ from amaranth.lib.data import StructLayout
 from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.core.axi4_lite import AccessSignature
+from ukf_hdl.core.signatures import EstimateSignature, RunSignature
 from ukf_hdl.core.soc import csr, event
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
@@ -107,13 +108,14 @@ class Control(wiring.Component):
     with an error; a write to a read-only field is ignored. Byte strobes are honoured.
 
     A step starts when exactly one start bit is written, with ENABLE set by then, while no step
-    runs, and in sequence. :py:`start` follows one clock after the write takes effect. From that
-    clock until :py:`done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN with sigma
-    points already there ends at once, without :py:`start` and without ever being busy.
+    runs, and in sequence. :py:`run.start` follows one clock after the write takes effect. From
+    that clock until :py:`run.done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN
+    with sigma points already there ends at once, without :py:`run.start` and without ever being
+    busy.
 
     Races, on one clock: a write is judged before the end of a step. So a start on the clock of
-    :py:`done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET drops
-    the ending step; only a GATE written on that clock comes too late. An event wins over the
+    :py:`run.done` is illegal, an error of the ending step replaces its ILLEGAL_STEP, and RESET
+    drops the ending step; only a GATE written on that clock comes too late. An event wins over the
     write that clears its pending bit.
 
     Parameters
@@ -129,19 +131,12 @@ class Control(wiring.Component):
         Interrupt, high while an enabled event is pending.
     busy : :py:`Out(1)`
         High while a step runs: the buffer must refuse accesses.
-    state_written, factor_written : :py:`In(1)`
+    written : :py:`In(EstimateSignature())`
         High for one clock when x, when L has been written over the bus.
-    start, program : :py:`Out(1)`, :py:`Out(3)`
-        High for one clock to run a program; the program holds until the next start.
-    stop : :py:`Out(1)`
-        High for one clock to drop the running program.
-    done : :py:`In(1)`
-        High on the last clock of the program.
-    error_code, error_index, nis : :py:`In(8)`, :py:`In(8)`, :py:`In(params.format.width)`
-        Result of the program, valid with :py:`done`.
-    observation_mask : :py:`Out(params.m)`
-        Observations that take part in the step: MASK as it was at the start.
-    state_bank, factor_bank : :py:`Out(1)`
+    run : :py:`Out(RunSignature(params))`
+        Program of a step. Which one holds until the next start, and so do the observations that
+        take part in it: MASK as it was at the start.
+    banks : :py:`Out(EstimateSignature())`
         Which copies of x and L are the current ones.
 
     Raises
@@ -163,21 +158,12 @@ class Control(wiring.Component):
         memory_map = MemoryMap(params)
         block_width = memory_map.address_width - memory_map.region_bits
         super().__init__({
-            "access":           In(AccessSignature(address_width=block_width)),
-            "irq":              Out(1),
-            "busy":             Out(1),
-            "state_written":    In(1),
-            "factor_written":   In(1),
-            "start":            Out(1),
-            "program":          Out(Program),
-            "stop":             Out(1),
-            "done":             In(1),
-            "error_code":       In(8),
-            "error_index":      In(8),
-            "nis":              In(params.format.width),
-            "observation_mask": Out(params.m),
-            "state_bank":       Out(1),
-            "factor_bank":      Out(1),
+            "access":  In(AccessSignature(address_width=block_width)),
+            "irq":     Out(1),
+            "busy":    Out(1),
+            "written": In(EstimateSignature()),
+            "run":     Out(RunSignature(params)),
+            "banks":   Out(EstimateSignature()),
         })  # fmt: skip
 
     @property
@@ -286,12 +272,12 @@ class Control(wiring.Component):
         # Below, a later assignment wins over an earlier one.
         # Writes over the bus to what steps start from.
         memory_map = MemoryMap(self._params)
-        for written, symbol in ((self.state_written, "x"), (self.factor_written, "L")):
+        for written, symbol in ((self.written.state, "x"), (self.written.factor, "L")):
             with m.If(written):
                 m.d.sync += self._bits(flags, memory_map[symbol].forgets).eq(0)
 
         # Start.
-        m.d.sync += [self.start.eq(0), self.stop.eq(0)]
+        m.d.sync += [self.run.start.eq(0), self.run.stop.eq(0)]
         with m.If(launch):
             m.d.sync += [
                 error_code.eq(ErrorCode.NONE),
@@ -304,9 +290,9 @@ class Control(wiring.Component):
             with m.If(~way.at_once):
                 m.d.sync += [
                     state.eq(way.step),
-                    self.program.eq(way.program),
-                    self.observation_mask.eq(fields["MASK"].VALUE.data),
-                    self.start.eq(1),
+                    self.run.program.eq(way.program),
+                    self.run.observation_mask.eq(fields["MASK"].VALUE.data),
+                    self.run.start.eq(1),
                 ]
         with m.If(refuse):
             m.d.sync += [error_code.eq(ErrorCode.ILLEGAL_STEP), error_index.eq(0)]
@@ -317,8 +303,8 @@ class Control(wiring.Component):
         end = Signal()
         failed = Signal()
         m.d.comb += [
-            end.eq(self.busy & self.done & ~reset),
-            failed.eq(self.error_code != ErrorCode.NONE),
+            end.eq(self.busy & self.run.done & ~reset),
+            failed.eq(self.run.error_code != ErrorCode.NONE),
             step_done.eq(end | (launch & way.at_once)),
             error_recorded.eq((end & failed) | refuse),
         ]
@@ -329,14 +315,17 @@ class Control(wiring.Component):
                     with m.Case(choice):
                         m.d.sync += ended[index].eq(1)
             with m.If(failed):
-                m.d.sync += [error_code.eq(self.error_code), error_index.eq(self.error_index)]
+                m.d.sync += [
+                    error_code.eq(self.run.error_code),
+                    error_index.eq(self.run.error_index),
+                ]
             self._elaborate_ending(m, fields, failed, flags, gated, nis)
 
         # Reset.
         with m.If(reset):
             m.d.sync += [
                 state.eq(Step.IDLE),
-                self.stop.eq(1),
+                self.run.stop.eq(1),
                 Cat(flags, gated, ended, error_code, error_index, cycles).eq(0),
             ]
 
@@ -454,16 +443,16 @@ class Control(wiring.Component):
         gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
         above_gate = Signal()
         # Magnitudes of floating-point numbers compare as integers.
-        m.d.comb += above_gate.eq(self.nis[magnitude] > gate[magnitude])
+        m.d.comb += above_gate.eq(self.run.nis[magnitude] > gate[magnitude])
 
         def change(effect):
             for value, chosen in ((0, effect.clears), (1, effect.sets)):
                 m.d.sync += [bit.eq(value) for bit in self._bits(flags, chosen)]
-            for bank, line in ((Bank.STATE, self.state_bank), (Bank.FACTOR, self.factor_bank)):
+            for bank, line in ((Bank.STATE, self.banks.state), (Bank.FACTOR, self.banks.factor)):
                 if bank in effect.turns:
                     m.d.sync += line.eq(~line)
 
-        with m.Switch(self.program):
+        with m.Switch(self.run.program):
             for program, ending in ENDINGS.items():
                 with m.Case(program):
                     rejected = failed
@@ -471,7 +460,7 @@ class Control(wiring.Component):
                         rejected = failed | above_gate
                         m.d.sync += gated.eq(~failed & above_gate)
                         with m.If(~failed):
-                            m.d.sync += nis.eq(self.nis)
+                            m.d.sync += nis.eq(self.run.nis)
                     with m.If(rejected):
                         change(ending.failure)
                     with m.Else():

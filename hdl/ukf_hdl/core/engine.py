@@ -1,22 +1,33 @@
 """Engine: the array of processing elements, its special unit, and the sequencer that drives it."""
 
+from dataclasses import dataclass
+
 from amaranth import Array, Cat, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect
 
+from ukf_hdl.arithmetic.float_layout import FloatLayout, FloatView
 from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
-from ukf_hdl.core.processing_element import ProcessingElement
+from ukf_hdl.core.processing_element import OperandSignature, ProcessingElement
 from ukf_hdl.core.sequencer import Sequencer
+from ukf_hdl.core.signatures import EstimateSignature, MemorySignature, RunSignature
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.control_word import STEERING, BusSource
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
-from ukf_sw.spec.sequence import Program
 
 __all__ = ["Engine"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bus:
+    """The scalar bus."""
+
+    source: FloatView  # what is led to it
+    value: FloatView  # what is on it: zero in the place of a masked observation
 
 
 class Engine(wiring.Component):
@@ -41,31 +52,14 @@ class Engine(wiring.Component):
 
     Members
     -------
-    start : :py:`In(1)`
-        Start of a program.
-    program : :py:`In(Program)`
-        Which one; valid with :py:`start`.
-    stop : :py:`In(1)`
-        Drops the program that runs.
-    busy, done : :py:`Out(1)`
-        High from the clock after the start up to and including the clock of :py:`done`; strobe.
-    error_code, error_index : :py:`Out(8)`
-        First error of the program, as in the register ERROR; valid from :py:`done` until the next
-        start.
-    nis : :py:`Out(params.format.width)`
-        Normalised innovation squared of the last update that reached it.
-    observation_mask : :py:`In(params.m)`
-        Bit i takes observation i into an update.
-    state_bank, factor_bank : :py:`In(1)`
+    run : :py:`In(RunSignature(params))`
+        Start, stop and result of a program. The result holds until the next start.
+    busy : :py:`Out(1)`
+        High from the clock after the start up to and including the clock of :py:`run.done`.
+    banks : :py:`In(EstimateSignature())`
         Current copies of x and of L; a program reads these and writes the others.
-    buffer_lane, buffer_address : :py:`In(...)`
-        Word to read or write, while not :py:`busy`.
-    buffer_read_data : :py:`Out(params.format.width)`
-        Word read.
-    buffer_write : :py:`In(1)`
-        Write on this clock.
-    buffer_write_data, buffer_write_strobe : :py:`In(...)`
-        Word to write, and its bytes.
+    memory : :py:`In(MemorySignature(...))`
+        Access to the memories, while not :py:`busy`.
 
     Raises
     ------
@@ -80,17 +74,11 @@ class Engine(wiring.Component):
             raise TypeError(f"Pipeline must be a Pipeline, not {pipeline!r}")
         self._params = params
         self._code = microcode(params, pipeline)
-        number = params.format.width
         super().__init__({
-            "start": In(1), "program": In(range(len(Program))), "stop": In(1),
-            "busy": Out(1), "done": Out(1),
-            "error_code": Out(8), "error_index": Out(8), "nis": Out(number),
-            "observation_mask": In(params.m), "state_bank": In(1), "factor_bank": In(1),
-            "buffer_lane": In(range(params.pes)),
-            "buffer_address": In(self.layout.address_width),
-            "buffer_read_data": Out(number),
-            "buffer_write": In(1), "buffer_write_data": In(number),
-            "buffer_write_strobe": In(-(-number // 8)),
+            "run":    In(RunSignature(params)),
+            "busy":   Out(1),
+            "banks":  In(EstimateSignature()),
+            "memory": In(MemorySignature(params, self.layout.address_width)),
         })  # fmt: skip
 
     @property
@@ -100,33 +88,44 @@ class Engine(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        params, code = self._params, self._code
-        fmt, pes = params.format, params.pes
+        word = self._elaborate_sequencer(m)
+        lanes = self._elaborate_lanes(m)
 
-        m.submodules.sequencer = sequencer = Sequencer(code)
+        # From the lanes to the scalar bus, and to what may be written.
+        loaded = self._elaborate_load(m, word, lanes)
+        bus = self._elaborate_bus(m, word, loaded, lanes[-1].sum)
+        passed = self._elaborate_checks(m, word, bus, lanes)
+
+        # And back to the lanes.
+        scalar = self._elaborate_scalar_file(m, word, bus, passed)
+        self._elaborate_operands(m, word, scalar, lanes)
+        self._elaborate_tree(m, word, lanes)
+        self._elaborate_writes(m, word, bus, passed, lanes)
+        return m
+
+    def _elaborate_sequencer(self, m):
+        """The control word of this clock."""
+        m.submodules.sequencer = sequencer = Sequencer(self._code)
         m.d.comb += [
-            sequencer.start.eq(self.start),
-            sequencer.program.eq(self.program),
-            sequencer.stop.eq(self.stop),
+            sequencer.start.eq(self.run.start),
+            sequencer.program.eq(self.run.program),
+            sequencer.stop.eq(self.run.stop),
             self.busy.eq(sequencer.busy),
-            self.done.eq(sequencer.done),
+            self.run.done.eq(sequencer.done),
         ]
-        word = sequencer.word
+        return sequencer.word
 
+    def _elaborate_lanes(self, m):
+        """The processing elements, with the constants in their memories."""
         words = self.layout.initial_words()
         lanes = []
-        for lane in range(pes):
-            element = ProcessingElement(fmt, code.pipeline, [int(w) for w in words[lane]])
+        for lane in range(self._params.pes):
+            element = ProcessingElement(
+                self._params.format, self._code.pipeline, [int(w) for w in words[lane]]
+            )
             m.submodules[f"lane_{lane}"] = element
             lanes.append(element)
-
-        bus = Signal(fmt.width)
-        self._elaborate_reads(m, word, lanes, bus)
-        self._elaborate_tree(m, word, lanes)
-        loaded = self._elaborate_load(m, word, lanes)
-        self._elaborate_bus(m, word, lanes, loaded, bus)
-        self._elaborate_writes(m, word, lanes, bus)
-        return m
+        return lanes
 
     def _delay(self, m, value, clocks, name):
         """Give a value some clocks later.
@@ -145,35 +144,118 @@ class Engine(wiring.Component):
         sets = self._code.lane_sets
         return Array(Const(lanes, self._params.pes) for lanes in sets)[number]
 
-    def _elaborate_reads(self, m, word, lanes, bus):
-        """Addresses, the scalar file, and the steering of the operands."""
-        width = self.layout.address_width
-        address_0, address_1 = Signal(width), Signal(width)
-        bank_0 = word.bank_state_0 & self.state_bank | word.bank_factor_0 & self.factor_bank
-        m.d.comb += address_1.eq(
-            word.address_1 | (word.bank_factor_1 & self.factor_bank) << (width - 1)
-        )
-        with m.If(self.busy):
-            m.d.comb += address_0.eq(word.address_0 | bank_0 << (width - 1))
-        with m.Else():
-            m.d.comb += address_0.eq(self.buffer_address)
+    def _is_masked(self, observation):
+        """Whether 1 + an observation, or 0 for none, is masked."""
+        return ~Cat(1, self.run.observation_mask).bit_select(observation, 1)
 
-        # Read without a clock, so distributed memory; its register is the memories' read clock.
+    def _elaborate_load(self, m, word, lanes):
+        """One lane of port 0: to the bus, and to who reads the memories."""
+        select = Signal(range(max(len(lanes), 2)))
+        m.d.comb += select.eq(Mux(self.busy, word.select, self.memory.lane))
+        select = self._delay(m, select, LOAD_LATENCY - 1, "load_select")
+        loaded = Signal(self._params.format.width, reset_less=True)
+        m.d.sync += loaded.eq(Array(lane.word_0 for lane in lanes)[select])
+        m.d.comb += self.memory.read_data.eq(loaded)
+        return loaded
+
+    def _elaborate_bus(self, m, word, loaded, accumulated):
+        """The scalar bus, and the reciprocal square root behind it."""
+        fmt = self._params.format
+        m.submodules.reciprocal_sqrt = unit = ReciprocalSqrt(
+            fmt, stages=self._code.pipeline.reciprocal_sqrt
+        )
+        number = FloatLayout(fmt)
+        bus = _Bus(source=Signal(number, name="source"), value=Signal(number, name="bus"))
+        with m.Switch(word.bus_source):
+            with m.Case(BusSource.LOAD):
+                m.d.comb += bus.source.eq(loaded)
+            with m.Case(BusSource.ROOT):
+                m.d.comb += bus.source.eq(unit.root)
+            with m.Default():
+                m.d.comb += bus.source.eq(accumulated)
+        m.d.comb += unit.a.eq(bus.source)
+        with m.If(~self.busy):
+            m.d.comb += bus.value.eq(self.memory.write_data)
+        with m.Elif(~self._is_masked(word.bus_observation)):
+            m.d.comb += bus.value.eq(bus.source)
+        return bus
+
+    def _elaborate_checks(self, m, word, bus, lanes):
+        """The first error, the NIS, and whether what this word writes may be written."""
+        run, rows = self.run, self._params.m
+        written = self._lane_set(word.write_lanes)
+        not_finite = Signal()
+        m.d.comb += not_finite.eq(
+            word.write & Cat(~lane.is_finite for lane in lanes).__and__(written).any()
+            | word.scalar_write & ~bus.value.is_finite
+        )
+
+        # A pivot: what is on the bus before any mask.
+        pivot = bus.source
+        is_positive = ~pivot.sign & ~pivot.is_zero & ~pivot.is_nan
+        row = (word.pivot - 1)[: len(word.pivot)]
+        is_observation = word.pivot <= rows
+        in_use = Cat(1, run.observation_mask).bit_select(word.pivot, 1)
+        square_root = Const(self._params.form is Form.SQUARE_ROOT, 1)
+        zero_is_legal = Mux(is_observation, ~in_use, square_root)
+        bad_pivot = Signal()
+        m.d.comb += bad_pivot.eq((word.pivot != 0) & ~(is_positive | pivot.is_zero & zero_is_legal))
+
+        failed = run.error_code != ErrorCode.NONE
+        passed = Signal()
+        m.d.comb += passed.eq(~failed & ~bad_pivot & ~not_finite)
+        with m.If(run.start):
+            m.d.sync += [run.error_code.eq(ErrorCode.NONE), run.error_index.eq(0)]
+        with m.Elif(~failed):
+            with m.If(bad_pivot & is_observation):
+                m.d.sync += [
+                    run.error_code.eq(ErrorCode.SINGULAR_OBSERVATION),
+                    run.error_index.eq(row),
+                ]
+            with m.Elif(bad_pivot):
+                m.d.sync += [
+                    run.error_code.eq(ErrorCode.NOT_POSITIVE_DEFINITE),
+                    run.error_index.eq(row - rows),
+                ]
+            with m.Elif(not_finite):
+                m.d.sync += run.error_code.eq(ErrorCode.NOT_FINITE)
+        with m.If(passed & word.nis):
+            m.d.sync += run.nis.eq(bus.value)
+        return passed
+
+    def _elaborate_scalar_file(self, m, word, bus, passed):
+        """The scalar operand of the lanes, from what was on the bus before."""
         scalar_file = Memory(
             shape=unsigned(self._params.format.width), depth=max(self._code.scalars, 2), init=[]
         )
         m.submodules.scalar_file = scalar_file
-        read, self._scalar_write = scalar_file.read_port(domain="comb"), scalar_file.write_port()
-        m.d.comb += [read.addr.eq(word.scalar_address), self._scalar_write.data.eq(bus)]
-        scalar = self._delay(m, read.data, 1, "scalar")
-        steering = {name: self._delay(m, word[name], 1, name) for name in STEERING}
-        for lane in lanes:
-            m.d.comb += [
-                lane.address_0.eq(address_0),
-                lane.address_1.eq(address_1),
-                lane.scalar.eq(scalar),
-                *(getattr(lane, name).eq(value) for name, value in steering.items()),
-            ]
+        # Read without a clock, so distributed memory; its register is the memories' read clock.
+        read, write = scalar_file.read_port(domain="comb"), scalar_file.write_port()
+        m.d.comb += [
+            read.addr.eq(word.scalar_address),
+            write.addr.eq(word.scalar_write_address),
+            write.data.eq(bus.value),
+            write.en.eq(passed & word.scalar_write),
+        ]
+        return self._delay(m, read.data, 1, "scalar")
+
+    def _elaborate_operands(self, m, word, scalar, lanes):
+        """Addresses and steering, the same for all lanes."""
+        width = self.layout.address_width
+        operands = OperandSignature(self._params.format, width).create(path=("operands",))
+        bank_0 = word.bank_state_0 & self.banks.state | word.bank_factor_0 & self.banks.factor
+        bank_1 = word.bank_factor_1 & self.banks.factor
+        steering = self._delay(m, Cat(word[name] for name in STEERING), 1, "steering")
+        with m.If(self.busy):
+            m.d.comb += operands.address_0.eq(word.address_0 | bank_0 << (width - 1))
+        with m.Else():
+            m.d.comb += operands.address_0.eq(self.memory.address)
+        m.d.comb += [
+            operands.address_1.eq(word.address_1 | bank_1 << (width - 1)),
+            operands.scalar.eq(scalar),
+            operands.steering.eq(steering),
+        ]
+        connect(m, operands, *(lane.operands for lane in lanes))
 
     def _elaborate_tree(self, m, word, lanes):
         """The adders as the tree of the dot product, and the last one as its accumulator."""
@@ -183,7 +265,7 @@ class Engine(wiring.Component):
         counted = self._delay(m, counted, 1, "counted")
         # Beats of a program that was stopped must not meet those of the next.
         beats = Signal(timing.accumulate)
-        m.d.sync += beats.eq(Mux(self.start, 0, Cat(word.dot, beats)))
+        m.d.sync += beats.eq(Mux(self.run.start, 0, Cat(word.dot, beats)))
         dot = [beats[timing.product + level * add - 1] for level in range(timing.levels + 1)]
         first = self._delay(m, word.first, timing.accumulate, "first")
 
@@ -209,106 +291,26 @@ class Engine(wiring.Component):
         for number, lane in enumerate(lanes):
             m.d.comb += lane.drop_product.eq(dot[0] & ~counted[number])
 
-    def _elaborate_load(self, m, word, lanes):
-        """One lane of port 0."""
-        select = Signal(range(max(len(lanes), 2)))
-        m.d.comb += select.eq(Mux(self.busy, word.select, self.buffer_lane))
-        select = self._delay(m, select, LOAD_LATENCY - 1, "load_select")
-        loaded = Signal(self._params.format.width, reset_less=True)
-        m.d.sync += loaded.eq(Array(lane.word_0 for lane in lanes)[select])
-        m.d.comb += self.buffer_read_data.eq(loaded)
-        return loaded
-
-    def _elaborate_bus(self, m, word, lanes, loaded, bus):
-        """The scalar bus, and the reciprocal square root behind it."""
-        fmt = self._params.format
-        m.submodules.reciprocal_sqrt = unit = ReciprocalSqrt(
-            fmt, stages=self._code.pipeline.reciprocal_sqrt
-        )
-        source = Signal(fmt.width)
-        with m.Switch(word.bus_source):
-            with m.Case(BusSource.LOAD):
-                m.d.comb += source.eq(loaded)
-            with m.Case(BusSource.ROOT):
-                m.d.comb += source.eq(unit.root)
-            with m.Default():
-                m.d.comb += source.eq(lanes[-1].sum)
-        m.d.comb += unit.a.eq(source)
-        with m.If(~self.busy):
-            m.d.comb += bus.eq(self.buffer_write_data)
-        with m.Elif(~self._is_masked(word.bus_observation)):
-            m.d.comb += bus.eq(source)
-        self._bus_source = source
-
-    def _is_masked(self, observation):
-        """Whether 1 + an observation, or 0 for none, is masked."""
-        return ~Cat(1, self.observation_mask).bit_select(observation, 1)
-
-    def _elaborate_writes(self, m, word, lanes, bus):
-        """Checks, and the writes that pass them."""
-        params, width = self._params, self.layout.address_width
-        fmt = params.format
+    def _elaborate_writes(self, m, word, bus, passed, lanes):
+        """What the word writes, into the bank that is not current; or who writes the memories."""
+        width = self.layout.address_width
         written = self._lane_set(word.write_lanes)
-        bus_exponent = bus[fmt.fraction_bits : fmt.width - 1]
-        not_finite = Signal()
-        m.d.comb += not_finite.eq(
-            word.write & Cat(~lane.is_finite for lane in lanes).__and__(written).any()
-            | word.scalar_write & bus_exponent.all()
-        )
-
-        # A pivot: what is on the bus before any mask.
-        pivot = self._bus_source
-        magnitude = pivot[: fmt.width - 1]
-        exponent = magnitude[fmt.fraction_bits :]
-        is_zero = exponent == 0  # subnormal numbers count as zero
-        is_positive = ~pivot[-1] & ~is_zero & (magnitude <= fmt.infinity)
-        row = (word.pivot - 1)[: len(word.pivot)]
-        is_observation = word.pivot <= params.m
-        in_use = Cat(1, self.observation_mask).bit_select(word.pivot, 1)
-        zero_is_legal = Mux(is_observation, ~in_use, Const(params.form is Form.SQUARE_ROOT, 1))
-        bad_pivot = Signal()
-        m.d.comb += bad_pivot.eq((word.pivot != 0) & ~(is_positive | is_zero & zero_is_legal))
-
-        failed = self.error_code != ErrorCode.NONE
-        passed = Signal()
-        m.d.comb += passed.eq(~failed & ~bad_pivot & ~not_finite)
-        with m.If(self.start):
-            m.d.sync += [self.error_code.eq(ErrorCode.NONE), self.error_index.eq(0)]
-        with m.Elif(~failed):
-            with m.If(bad_pivot & is_observation):
-                m.d.sync += [
-                    self.error_code.eq(ErrorCode.SINGULAR_OBSERVATION),
-                    self.error_index.eq(row),
-                ]
-            with m.Elif(bad_pivot):
-                m.d.sync += [
-                    self.error_code.eq(ErrorCode.NOT_POSITIVE_DEFINITE),
-                    self.error_index.eq(row - params.m),
-                ]
-            with m.Elif(not_finite):
-                m.d.sync += self.error_code.eq(ErrorCode.NOT_FINITE)
-        with m.If(passed & word.nis):
-            m.d.sync += self.nis.eq(bus)
-        m.d.comb += [
-            self._scalar_write.addr.eq(word.scalar_write_address),
-            self._scalar_write.en.eq(passed & word.scalar_write),
-        ]
-
-        # What is written goes into the bank that is not current.
-        bank = word.write_bank_state & ~self.state_bank | word.write_bank_factor & ~self.factor_bank
-        lanes_masked = self._is_masked(word.lanes_observation)
+        state, factor = ~self.banks.state, ~self.banks.factor
+        bank = word.write_bank_state & state | word.write_bank_factor & factor
+        masked = self._is_masked(word.lanes_observation)
         for number, lane in enumerate(lanes):
+            write = lane.write
+            enable = passed & word.write & written[number]
             with m.If(self.busy):
                 m.d.comb += [
-                    lane.write_address.eq(word.write_address | bank << (width - 1)),
-                    lane.write_enable.eq((passed & word.write & written[number]).replicate(
-                        len(lane.write_enable))),
-                    lane.write_bus.eq(word.write_bus),
-                ]  # fmt: skip
-            with m.Elif(self.buffer_write & (self.buffer_lane == number)):
-                m.d.comb += [
-                    lane.write_address.eq(self.buffer_address),
-                    lane.write_enable.eq(self.buffer_write_strobe),
-                    lane.write_bus.eq(1),
+                    write.address.eq(word.write_address | bank << (width - 1)),
+                    write.enable.eq(enable.replicate(len(write.enable))),
+                    write.from_bus.eq(word.write_bus),
                 ]
-            m.d.comb += [lane.clear.eq(lanes_masked), lane.bus.eq(bus)]
+            with m.Elif(self.memory.write & (self.memory.lane == number)):
+                m.d.comb += [
+                    write.address.eq(self.memory.address),
+                    write.enable.eq(self.memory.write_strobe),
+                    write.from_bus.eq(1),
+                ]
+            m.d.comb += [write.clear.eq(masked), write.bus.eq(bus.value)]

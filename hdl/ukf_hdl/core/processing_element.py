@@ -1,32 +1,95 @@
 """Processing element: a lane of the array."""
 
 from amaranth import Module, Mux, Signal, unsigned
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.arithmetic.float_adder import FloatAdder
+from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
 from ukf_sw.engine.control_word import STEERING
 
-__all__ = ["ProcessingElement"]
+__all__ = ["OperandSignature", "ProcessingElement", "WriteSignature"]
+
+
+class OperandSignature(wiring.Signature):
+    """What lanes read and make operands of, seen from who decides.
+
+    Parameters
+    ----------
+    fmt : :class:`FloatFormat`
+        Number format.
+    address_width : :class:`int`
+        Width of an address within a lane.
+
+    Members
+    -------
+    address_0, address_1 : :py:`Out(address_width)`
+        Words to read.
+    scalar : :py:`Out(fmt.width)`
+        Scalar operand.
+    steering : :py:`Out(StructLayout(STEERING))`
+        Steering of the operands.
+    """
+
+    def __init__(self, fmt, address_width):
+        super().__init__({
+            "address_0": Out(address_width),
+            "address_1": Out(address_width),
+            "scalar":    Out(fmt.width),
+            "steering":  Out(data.StructLayout(STEERING)),
+        })  # fmt: skip
+
+
+class WriteSignature(wiring.Signature):
+    """A write to the memory of a lane, seen from who decides.
+
+    Parameters
+    ----------
+    fmt : :class:`FloatFormat`
+        Number format.
+    address_width : :class:`int`
+        Width of an address within a lane.
+
+    Members
+    -------
+    address : :py:`Out(address_width)`
+        Word to write.
+    enable : :py:`Out(ceil(fmt.width / 8))`
+        Bytes to write.
+    bus : :py:`Out(fmt.width)`
+        Scalar bus.
+    from_bus, clear : :py:`Out(1)`
+        What to write: the bus; zero in the place of the lane's sum.
+    """
+
+    def __init__(self, fmt, address_width):
+        super().__init__({
+            "address":  Out(address_width),
+            "enable":   Out(-(-fmt.width // 8)),
+            "bus":      Out(fmt.width),
+            "from_bus": Out(1),
+            "clear":    Out(1),
+        })  # fmt: skip
 
 
 class ProcessingElement(wiring.Component):
     """One multiplier, one adder and one slice of the memory.
 
-    On every clock two words are read, at :py:`address_0` and :py:`address_1`. Two clocks later
-    they are operands: `a` is the first word, or the scalar if :py:`use_scalar`; `b` is the second
-    word, with its sign turned if :py:`subtract`; `c` is the first word, or zero if :py:`zero`.
-    The steering inputs and the scalar are due one clock after the addresses.
+    On every clock two words are read, at the addresses of :py:`operands`. Two clocks later they
+    are operands: `a` is the first word, or the scalar if :py:`use_scalar`; `b` is the second word,
+    with its sign turned if :py:`subtract`; `c` is the first word, or zero if :py:`zero`. The
+    steering inputs and the scalar are due one clock after the addresses.
 
     :py:`pipeline.multiply` clocks later, on the clock of :py:`drop_product` and :py:`in_tree`,
     :py:`product` is `a * b`, or zero if :py:`drop_product`, and the adder adds product and `c`, or
     if :py:`in_tree`, :py:`left` and :py:`right`. The result is on :py:`sum`,
     :py:`pipeline.add` clocks later.
 
-    A write takes :py:`bus` or, unless :py:`clear` makes it zero, :py:`sum`; the word can be read
-    from the next clock on. A word that is read on the clock on which it is written is undefined.
+    A write takes the bus if :py:`from_bus` or else, unless :py:`clear` makes it zero, :py:`sum`;
+    the word can be read from the next clock on. A word that is read on the clock on which it is
+    written is undefined.
 
     Parameters
     ----------
@@ -39,12 +102,8 @@ class ProcessingElement(wiring.Component):
 
     Members
     -------
-    address_0, address_1 : :py:`In(address_width)`
-        Words to read.
-    scalar : :py:`In(fmt.width)`
-        Scalar operand.
-    use_scalar, zero, subtract : :py:`In(1)`
-        Steering of the operands: the fields of :py:`STEERING`.
+    operands : :py:`In(OperandSignature(...))`
+        Words to read, and what they become.
     word_0 : :py:`Out(fmt.width)`
         Operand `c`: the first word, two clocks after its address.
     drop_product, in_tree : :py:`In(1)`
@@ -53,14 +112,8 @@ class ProcessingElement(wiring.Component):
         Results.
     left, right : :py:`In(fmt.width)`
         What the adder adds as a part of the tree.
-    write_address : :py:`In(address_width)`
-        Word to write.
-    write_enable : :py:`In(ceil(fmt.width / 8))`
-        Bytes to write.
-    write_bus, clear : :py:`In(1)`
-        What to write.
-    bus : :py:`In(fmt.width)`
-        Scalar bus.
+    write : :py:`In(WriteSignature(...))`
+        Word to write, and what.
     is_finite : :py:`Out(1)`
         What would be written is neither infinite nor NaN.
     """
@@ -70,46 +123,48 @@ class ProcessingElement(wiring.Component):
         self._pipeline = pipeline
         self._words = words
         address_width = (len(words) - 1).bit_length()
-        number, flag = fmt.width, 1
         super().__init__({
-            "address_0": In(address_width), "address_1": In(address_width),
-            "scalar": In(number), **{name: In(width) for name, width in STEERING.items()},
-            "word_0": Out(number),
-            "drop_product": In(flag), "in_tree": In(flag),
-            "product": Out(number), "sum": Out(number), "left": In(number), "right": In(number),
-            "write_address": In(address_width), "write_enable": In(-(-fmt.width // 8)),
-            "write_bus": In(flag), "clear": In(flag), "bus": In(number),
-            "is_finite": Out(flag),
+            "operands":     In(OperandSignature(fmt, address_width)),
+            "word_0":       Out(fmt.width),
+            "drop_product": In(1),
+            "in_tree":      In(1),
+            "product":      Out(fmt.width),
+            "sum":          Out(fmt.width),
+            "left":         In(fmt.width),
+            "right":        In(fmt.width),
+            "write":        In(WriteSignature(fmt, address_width)),
+            "is_finite":    Out(1),
         })  # fmt: skip
 
     def elaborate(self, platform):
         m = Module()
         fmt, pipeline = self._fmt, self._pipeline
+        operands, steering = self.operands, self.operands.steering
         word = unsigned(fmt.width)
-        written = Signal(word)
+        written = Signal(FloatLayout(fmt))
 
         # One copy of the memory for each read port; both are written.
-        data = []
-        byte_wide = unsigned(8 * len(self.write_enable))
-        for port, address in enumerate((self.address_0, self.address_1)):
+        words = []
+        byte_wide = unsigned(8 * len(self.write.enable))
+        for port, address in enumerate((operands.address_0, operands.address_1)):
             memory = Memory(shape=byte_wide, depth=len(self._words), init=self._words)
             m.submodules[f"memory_{port}"] = memory
             read = memory.read_port()
             write = memory.write_port(granularity=8)
             m.d.comb += [
                 read.addr.eq(address),
-                write.addr.eq(self.write_address),
+                write.addr.eq(self.write.address),
                 write.data.eq(written),
-                write.en.eq(self.write_enable),
+                write.en.eq(self.write.enable),
             ]
-            data.append(read.data[: fmt.width])
+            words.append(read.data[: fmt.width])
 
         # Operands. A subtraction turns the sign of b, so that of the product.
         a, b, c = (Signal(word, name=name, reset_less=True) for name in "abc")
         m.d.sync += [
-            a.eq(Mux(self.use_scalar, self.scalar, data[0])),
-            b.eq(data[1] ^ (self.subtract << (fmt.width - 1))),
-            c.eq(Mux(self.zero, 0, data[0])),
+            a.eq(Mux(steering.use_scalar, operands.scalar, words[0])),
+            b.eq(words[1] ^ (steering.subtract << (fmt.width - 1))),
+            c.eq(Mux(steering.zero, 0, words[0])),
         ]
 
         # Multiplier, and c in step with it.
@@ -133,10 +188,9 @@ class ProcessingElement(wiring.Component):
         ]
 
         # Write.
-        with m.If(self.write_bus):
-            m.d.comb += written.eq(self.bus)
-        with m.Elif(~self.clear):
+        with m.If(self.write.from_bus):
+            m.d.comb += written.eq(self.write.bus)
+        with m.Elif(~self.write.clear):
             m.d.comb += written.eq(self.sum)
-        exponent = written[fmt.fraction_bits : fmt.width - 1]
-        m.d.comb += self.is_finite.eq(~exponent.all())
+        m.d.comb += self.is_finite.eq(written.is_finite)
         return m

@@ -1,20 +1,13 @@
 """Sequencer: gives the control words of a program."""
 
 from amaranth import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ukf_hdl.core.unpacker import Unpacker
+from ukf_hdl.core.unpacker import Unpacker, word_layout
 from ukf_sw.spec.sequence import Program
 
-__all__ = ["Sequencer", "control_layout"]
-
-
-def control_layout(control_format):
-    """Layout of the control word of a :class:`ukf_sw.engine.control_word.ControlFormat`."""
-    return data.StructLayout({
-        field.name: field.width for field in control_format.fields.values()
-    })  # fmt: skip
+__all__ = ["Sequencer"]
 
 
 class Sequencer(wiring.Component):
@@ -41,7 +34,7 @@ class Sequencer(wiring.Component):
         Which one; valid with :py:`start`.
     stop : :py:`In(1)`
         End it.
-    word : :py:`Out(control_layout(microcode.format))`
+    word : :py:`Out(StructLayout)`
         Control word.
     busy : :py:`Out(1)`
         High from the clock after the start up to and including the clock of :py:`done`.
@@ -55,7 +48,7 @@ class Sequencer(wiring.Component):
             "start":   In(1),
             "program": In(range(len(Program))),
             "stop":    In(1),
-            "word":    Out(control_layout(microcode.format)),
+            "word":    Out(word_layout(microcode.format.fields.values())),
             "busy":    Out(1),
             "done":    Out(1),
         })  # fmt: skip

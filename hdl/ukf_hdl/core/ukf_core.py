@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ukf_hdl.core import axi4_lite
+from ukf_hdl.core.access_decoder import AccessDecoder
 from ukf_hdl.core.axi4_lite import AxiLiteSubordinate
 from ukf_hdl.core.buffer import Buffer
 from ukf_hdl.core.control import Control
@@ -82,63 +83,18 @@ class UkfCore(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.front_end = front_end = AxiLiteSubordinate(addr_width=self._map.address_width)
+        m.submodules.decoder = decoder = AccessDecoder(self._map)
         m.submodules.control = control = self._control
         m.submodules.buffer = buffer = self._buffer
         m.submodules.engine = engine = self._engine
         connect(m, flipped(self.s_axi), front_end.s_axi)
 
-        # Accesses: region 0 is the register block.
-        access = front_end.access
-        to_buffer = access.address[-self._map.region_bits :].any()
-        for target in (control.access, buffer.access):
-            m.d.comb += [
-                target.write.eq(access.write),
-                target.address.eq(access.address),
-                target.data.eq(access.data),
-                target.strobe.eq(access.strobe),
-            ]
-        with m.If(to_buffer):
-            m.d.comb += [
-                buffer.access.valid.eq(access.valid),
-                access.ack.eq(buffer.access.ack),
-                access.error.eq(buffer.access.error),
-                access.read_data.eq(buffer.access.read_data),
-            ]
-        with m.Else():
-            m.d.comb += [
-                control.access.valid.eq(access.valid),
-                access.ack.eq(control.access.ack),
-                access.error.eq(control.access.error),
-                access.read_data.eq(control.access.read_data),
-            ]
-
-        # Steps.
-        m.d.comb += [
-            self.irq.eq(control.irq),
-            engine.start.eq(control.start),
-            engine.program.eq(control.program),
-            engine.stop.eq(control.stop),
-            engine.observation_mask.eq(control.observation_mask),
-            engine.state_bank.eq(control.state_bank),
-            engine.factor_bank.eq(control.factor_bank),
-            control.done.eq(engine.done),
-            control.error_code.eq(engine.error_code),
-            control.error_index.eq(engine.error_index),
-            control.nis.eq(engine.nis),
-        ]
-
-        # Buffer.
-        m.d.comb += [
-            buffer.busy.eq(control.busy),
-            buffer.state_bank.eq(control.state_bank),
-            buffer.factor_bank.eq(control.factor_bank),
-            control.state_written.eq(buffer.state_written),
-            control.factor_written.eq(buffer.factor_written),
-            engine.buffer_lane.eq(buffer.lane),
-            engine.buffer_address.eq(buffer.address),
-            engine.buffer_write.eq(buffer.write),
-            engine.buffer_write_data.eq(buffer.write_data),
-            engine.buffer_write_strobe.eq(buffer.write_strobe),
-            buffer.read_data.eq(engine.buffer_read_data),
-        ]
+        connect(m, front_end.access, decoder.access)
+        connect(m, decoder.registers, control.access)
+        connect(m, decoder.buffer, buffer.access)
+        connect(m, control.run, engine.run)
+        connect(m, control.banks, engine.banks, buffer.banks)
+        connect(m, buffer.memory, engine.memory)
+        connect(m, buffer.written, control.written)
+        m.d.comb += [buffer.busy.eq(control.busy), self.irq.eq(control.irq)]
         return m

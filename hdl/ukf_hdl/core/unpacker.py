@@ -1,6 +1,6 @@
 """Unpacker: one word a clock from the packets of a program memory."""
 
-from amaranth import Cat, Module, Mux, Signal, unsigned
+from amaranth import Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -8,7 +8,12 @@ from amaranth.lib.wiring import In, Out
 from ukf_sw.engine.packets import DISTANCE_WIDTH
 from ukf_sw.spec.sequence import Program
 
-__all__ = ["Unpacker"]
+__all__ = ["Unpacker", "word_layout"]
+
+
+def word_layout(fields):
+    """Layout of a word of :class:`ukf_sw.engine.control_word.ControlField`, from bit 0 on."""
+    return data.StructLayout({field.name: field.width for field in fields})
 
 
 class Unpacker(wiring.Component):
@@ -42,24 +47,27 @@ class Unpacker(wiring.Component):
             "start":   In(1),
             "program": In(range(len(Program))),
             "run":     In(1),
-            "word":    Out(data.StructLayout({
-                field.name: field.width for field in stream.format.fields
-            })),
+            "word":    Out(word_layout(stream.format.fields)),
         })  # fmt: skip
 
     def elaborate(self, platform):
         m = Module()
         packets, fmt = self._stream.packets, self._stream.format
+        word = word_layout(fmt.fields)
+        packet = data.StructLayout({
+            "word":     word,
+            "count":    fmt.count.width,
+            "distance": fmt.distance.width,
+            "steps":    data.StructLayout(dict.fromkeys(fmt.half.counting, 1)),
+        })  # fmt: skip
         m.submodules.packets = memory = Memory(
             shape=unsigned(fmt.width), depth=max(len(packets), 2), init=packets
         )
         port = memory.read_port()
-
-        def of_packet(field):
-            return port.data[field.lsb : field.lsb + field.width]
+        fetched = packet(port.data)
 
         # Repetitions that are left of the packet before the one in the memory's output register.
-        left = Signal(fmt.count.width)
+        left = Signal.like(fetched.count)
         repeat = Signal()  # there are some
         fetch = Signal()
         following = Signal(range(len(packets) + 2))  # address after that of the last fetch
@@ -81,7 +89,7 @@ class Unpacker(wiring.Component):
         write, earlier = history.write_port(), history.read_port(domain="comb")
         newest = Signal(DISTANCE_WIDTH)  # where the word of this clock goes
         repeated = Signal(DISTANCE_WIDTH)  # where the word that the next one repeats is
-        steps = Signal(fmt.steps.width)
+        steps = Signal(packet["steps"].shape)
         m.d.comb += [
             write.addr.eq(newest),
             write.data.eq(self.word),
@@ -100,22 +108,19 @@ class Unpacker(wiring.Component):
                     repeated.eq(repeated + 1),
                 ]
             with m.Else():
-                count, distance = of_packet(fmt.count), of_packet(fmt.distance)
                 m.d.sync += [
-                    left.eq(count),
-                    repeat.eq(count != 0),
-                    repeated.eq(newest - distance),
-                    steps.eq(of_packet(fmt.steps)),
+                    left.eq(fetched.count),
+                    repeat.eq(fetched.count != 0),
+                    repeated.eq(newest - fetched.distance),
+                    steps.eq(fetched.steps),
                 ]
 
-        own = port.data[: fmt.word_width]
-        again = []
-        for field in fmt.fields:
-            value = earlier.data[field.lsb : field.lsb + field.width]
-            if field.name in fmt.half.once:
-                value = Signal.like(value, name=f"no_{field.name}")  # stays zero
-            elif field.name in fmt.half.counting:
-                value = (value + steps[fmt.half.counting.index(field.name)])[: field.width]
-            again.append(value)
-        m.d.comb += self.word.eq(Mux(repeat, Cat(again), own))
+        before = word(earlier.data)
+        again = Signal(word)
+        m.d.comb += again.eq(before)
+        for name in fmt.half.counting:
+            m.d.comb += again[name].eq(before[name] + steps[name])
+        for name in fmt.half.once:
+            m.d.comb += again[name].eq(0)
+        m.d.comb += self.word.eq(Mux(repeat, again, fetched.word))
         return m
