@@ -58,30 +58,30 @@ MUTANTS = [
     ),
     Mutant(
         "multiplier: infinity times zero is infinity", "hdl/ukf_hdl/arithmetic/float_multiplier.py",
-        "| (special_a & zero_b) | (special_b & zero_a)", "",
+        " | (~a.is_finite & b.is_zero) | (~b.is_finite & a.is_zero)", "",
         "tests/hdl/test_float_units.py",
     ),
     Mutant(
         "adder: guard bits of the smaller operand are lost",
         "hdl/ukf_hdl/arithmetic/float_adder.py",
-        "below[0].eq(aligned[0])", "below[0].eq(0)",
+        "below[0].eq(small[0])", "below[0].eq(0)",
         "tests/hdl/test_float_units.py",
     ),
     Mutant(
         "reciprocal square root: exponent is off by one",
         "hdl/ukf_hdl/arithmetic/reciprocal_sqrt.py",
-        "Cat(root[: fmt.fraction_bits], exponent + root[fmt.precision])",
-        "Cat(root[: fmt.fraction_bits], exponent + 1 + root[fmt.precision])",
+        "exponent = (operand.exponent + root.value[fmt.precision])",
+        "exponent = (operand.exponent + 1 + root.value[fmt.precision])",
         "tests/hdl/test_float_units.py",
     ),
     Mutant(
         "processing element: operands are swapped", "hdl/ukf_hdl/core/processing_element.py",
-        "c.eq(Mux(self.zero, 0, data[0]))", "c.eq(Mux(self.zero, 0, data[1]))",
+        "c.eq(Mux(steering.zero, 0, words[0]))", "c.eq(Mux(steering.zero, 0, words[1]))",
         ENGINE,
     ),
     Mutant(
         "processing element: subtraction adds", "hdl/ukf_hdl/core/processing_element.py",
-        "b.eq(data[1] ^ (self.subtract << (fmt.width - 1)))", "b.eq(data[1])",
+        "b.eq(words[1] ^ (steering.subtract << (fmt.width - 1)))", "b.eq(words[1])",
         ENGINE,
     ),
     Mutant(
@@ -91,8 +91,8 @@ MUTANTS = [
     ),
     Mutant(
         "processing element: infinity counts as finite", "hdl/ukf_hdl/core/processing_element.py",
-        "self.is_finite.eq(~exponent.all())",
-        "self.is_finite.eq(~exponent.all() | (written[: fmt.fraction_bits] == 0))",
+        "self.is_finite.eq(written.is_finite)",
+        "self.is_finite.eq(~written.is_nan)",
         ENGINE,
     ),
     Mutant(
@@ -108,7 +108,8 @@ MUTANTS = [
     ),
     Mutant(
         "engine: writes go to the current bank", "hdl/ukf_hdl/core/engine.py",
-        "word.write_bank_factor & ~self.factor_bank", "word.write_bank_factor & self.factor_bank",
+        "state, factor = ~self.banks.state, ~self.banks.factor",
+        "state, factor = ~self.banks.state, self.banks.factor",
         ENGINE,
     ),
     Mutant(
@@ -118,8 +119,8 @@ MUTANTS = [
     ),
     Mutant(
         "engine: the mask is that of the next observation", "hdl/ukf_hdl/core/engine.py",
-        "return ~Cat(1, self.observation_mask).bit_select(observation, 1)",
-        "return ~Cat(1, 1, self.observation_mask).bit_select(observation, 1)",
+        "return ~Cat(1, self.run.observation_mask).bit_select(observation, 1)",
+        "return ~Cat(1, 1, self.run.observation_mask).bit_select(observation, 1)",
         ENGINE,
     ),
     Mutant(
@@ -129,7 +130,7 @@ MUTANTS = [
     ),
     Mutant(
         "engine: beats of a stopped program live on", "hdl/ukf_hdl/core/engine.py",
-        "Mux(self.start, 0, Cat(word.dot, beats))", "Cat(word.dot, beats)",
+        "Mux(self.run.start, 0, Cat(word.dot, beats))", "Cat(word.dot, beats)",
         ENGINE,
     ),
     Mutant(
@@ -139,7 +140,7 @@ MUTANTS = [
     ),
     Mutant(
         "unpacker: addresses of repeated words stand still", "hdl/ukf_hdl/core/unpacker.py",
-        "(value + steps[fmt.half.counting.index(field.name)])", "value",
+        "before[name] + steps[name]", "before[name]",
         SEQUENCER,
     ),
     Mutant(
@@ -214,6 +215,12 @@ MUTANTS = [
         "control: byte strobes are ignored", "hdl/ukf_hdl/core/control.py",
         "bus.w_data.eq(access.data & strobe_mask)", "bus.w_data.eq(access.data)",
         CONTROL,
+    ),
+    Mutant(
+        "decoder: accesses to the buffer reach the registers as well",
+        "hdl/ukf_hdl/core/access_decoder.py",
+        "target.write.eq(access.write),", "target.write.eq(access.write), target.valid.eq(1),",
+        "tests/hdl/test_access_decoder.py",
     ),
     Mutant(
         "buffer: answers while a step runs", "hdl/ukf_hdl/core/buffer.py",

@@ -245,6 +245,7 @@ class Engine(wiring.Component):
         operands = OperandSignature(self._params.format, width).create(path=("operands",))
         bank_0 = word.bank_state_0 & self.banks.state | word.bank_factor_0 & self.banks.factor
         bank_1 = word.bank_factor_1 & self.banks.factor
+        steering = self._delay(m, Cat(word[name] for name in STEERING), 1, "steering")
         with m.If(self.busy):
             m.d.comb += operands.address_0.eq(word.address_0 | bank_0 << (width - 1))
         with m.Else():
@@ -252,7 +253,7 @@ class Engine(wiring.Component):
         m.d.comb += [
             operands.address_1.eq(word.address_1 | bank_1 << (width - 1)),
             operands.scalar.eq(scalar),
-            *(getattr(operands, name).eq(self._delay(m, word[name], 1, name)) for name in STEERING),
+            operands.steering.eq(steering),
         ]
         connect(m, operands, *(lane.operands for lane in lanes))
 

@@ -1,7 +1,7 @@
 """Processing element: a lane of the array."""
 
 from amaranth import Module, Mux, Signal, unsigned
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
@@ -29,8 +29,8 @@ class OperandSignature(wiring.Signature):
         Words to read.
     scalar : :py:`Out(fmt.width)`
         Scalar operand.
-    use_scalar, zero, subtract : :py:`Out(1)`
-        Steering of the operands: the fields of :py:`STEERING`.
+    steering : :py:`Out(StructLayout(STEERING))`
+        Steering of the operands.
     """
 
     def __init__(self, fmt, address_width):
@@ -38,7 +38,7 @@ class OperandSignature(wiring.Signature):
             "address_0": Out(address_width),
             "address_1": Out(address_width),
             "scalar":    Out(fmt.width),
-            **{name: Out(width) for name, width in STEERING.items()},
+            "steering":  Out(data.StructLayout(STEERING)),
         })  # fmt: skip
 
 
@@ -139,12 +139,12 @@ class ProcessingElement(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         fmt, pipeline = self._fmt, self._pipeline
-        operands = self.operands
+        operands, steering = self.operands, self.operands.steering
         word = unsigned(fmt.width)
         written = Signal(FloatLayout(fmt))
 
         # One copy of the memory for each read port; both are written.
-        data = []
+        words = []
         byte_wide = unsigned(8 * len(self.write.enable))
         for port, address in enumerate((operands.address_0, operands.address_1)):
             memory = Memory(shape=byte_wide, depth=len(self._words), init=self._words)
@@ -157,14 +157,14 @@ class ProcessingElement(wiring.Component):
                 write.data.eq(written),
                 write.en.eq(self.write.enable),
             ]
-            data.append(read.data[: fmt.width])
+            words.append(read.data[: fmt.width])
 
         # Operands. A subtraction turns the sign of b, so that of the product.
         a, b, c = (Signal(word, name=name, reset_less=True) for name in "abc")
         m.d.sync += [
-            a.eq(Mux(operands.use_scalar, operands.scalar, data[0])),
-            b.eq(data[1] ^ (operands.subtract << (fmt.width - 1))),
-            c.eq(Mux(operands.zero, 0, data[0])),
+            a.eq(Mux(steering.use_scalar, operands.scalar, words[0])),
+            b.eq(words[1] ^ (steering.subtract << (fmt.width - 1))),
+            c.eq(Mux(steering.zero, 0, words[0])),
         ]
 
         # Multiplier, and c in step with it.
