@@ -110,7 +110,9 @@ def test_what_cannot_be_measured_leaves_the_note(counted, documents, monkeypatch
     monkeypatch.setitem(STUDIES, "bench", replace(counted, measure=fail))
     assert "Error: the core differs" in documents("measure", "bench", code=1).stderr
     assert counted.read() == {"count": 3}
-    assert "is not one of" in documents("measure", "weather", code=2).stderr
+    message = "NAME must be one of resources, growth, routing, bench, numerics, iteration, baseline"
+    result = documents("measure", "bench", "weather", code=2)
+    assert f"{message}, not 'weather'" in result.stderr
 
 
 # Time of an iteration.
