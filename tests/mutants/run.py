@@ -254,6 +254,11 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
+        "C driver: a code of the core without a name is not handed on", "sw/c/ukf_driver.c",
+        "code < UKF_FIRST_OWN_RESULT ?", "code <= UKF_ERROR_CODE_NOT_POSITIVE_DEFINITE ?",
+        C_DRIVER,
+    ),
+    Mutant(
         "C filter: a gated update uses up the prediction", "sw/c/ukf_filter.c",
         "if (result == UKF_OK && !ukf->gated) {", "if (result == UKF_OK) {",
         C_DRIVER,

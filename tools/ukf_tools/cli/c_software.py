@@ -111,16 +111,12 @@ def c_loop(
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
     from ukf_sim.cosimulation import cosimulate
-    from ukf_sim.simulators import Simulator, SimulatorError
+    from ukf_sim.simulators import SimulatorError
 
     with checked():
         recipe = _nanosatellite(core, seed, p0)
     if beside_cocotb:
         require("sim")
-    try:
-        Simulator.VERILATOR.require()
-    except SimulatorError as error:
-        fail(str(error), 1)
     with checked():
         scenario = recipe.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars:
