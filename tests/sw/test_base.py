@@ -32,9 +32,11 @@ from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
 #: Modules that need an extra, by prefix.
 OUTSIDE = {
-    "golden": ("ukf_sw.engine.arithmetic", "ukf_sw.engine.interpreter"),
+    "golden": (
+        "ukf_sw.engine.arithmetic", "ukf_sw.engine.interpreter", "ukf_sw.engine.kernel_cache",
+    ),
     "apps": ("ukf_sw.problems.systems.swampsat.",),
-}
+}  # fmt: skip
 
 #: Imports the modules of the package where only NumPy and the standard library can be imported;
 #: prints how many. Its arguments are prefixes of modules to leave out.

@@ -34,7 +34,7 @@ ROOTS = (
     "ukf_sim.cosimulation", "ukf_sw.board", "ukf_sw.filter",
 )  # fmt: skip
 #: Modules that come with a module of the table of extras, or that a board has.
-ALSO = {"numpy", "amaranth_soc", "platformdirs", "pynq"}
+ALSO = {"numpy", "amaranth_soc", "markupsafe", "platformdirs", "pynq"}
 
 
 def build(kind, folder):

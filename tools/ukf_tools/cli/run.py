@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ukf_sw.backends import require_backend
+from ukf_sw.backends import make_backend, require_backend
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -71,7 +71,6 @@ def run(
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
     require_backend(backend)
-    from ukf_sw.backends import make_backend
     from ukf_sw.errors import StepError, UkfError
     from ukf_sw.problems.judging import judge
     from ukf_sw.problems.recipe import Recipe
