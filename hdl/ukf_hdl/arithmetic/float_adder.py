@@ -3,8 +3,9 @@
 from dataclasses import dataclass, replace
 
 from amaranth import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib.data import View
 
-from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
+from ukf_hdl.arithmetic.float_layout import SPECIAL, FloatLayout
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.leading_zeros import (
     Coarse,
@@ -71,7 +72,7 @@ class _Summed:
     total: Value
     exponent: Value
     zero_sign: Value
-    special: Special
+    special: View
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class _Counted:
     total: Value
     coarse: Coarse
     exponent: Value
-    special: Special
+    special: View
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class _Normalised:
     total: Value
     exponent: Value  # without the last digit of the shift
     ones: Value  # that digit
-    special: Special
+    special: View
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,7 +475,7 @@ class FloatAdder(FloatUnit):
         ]
 
         infinite = Signal()
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             infinite.eq(terms.exponent.all()),
             special.sign.eq(terms.sign),
@@ -493,7 +494,7 @@ class FloatAdder(FloatUnit):
 
         cleared_sign = Signal()
         overflow = Signal()
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             cleared_sign.eq(Mux(before.zero, summed.zero_sign, before.sign & ~is_zero)),
             # Rounding that carries into the exponent clears the fraction by itself.
@@ -515,7 +516,7 @@ class FloatAdder(FloatUnit):
         # The top place of the sum is worth one more than the exponent.
         exponent = Signal(self._fmt.exponent_bits + 2, name="coarse_exponent")
         underflow = Signal()
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             exponent.eq(counted.exponent - Cat(Const(0, 2), counted.coarse.value)),
             # At most 0 after `ones` is subtracted and 1 added. No rounding changes that: so small

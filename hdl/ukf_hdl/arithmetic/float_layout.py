@@ -3,7 +3,11 @@
 from amaranth import Cat, Const
 from amaranth.lib import data
 
-__all__ = ["FloatLayout", "FloatView", "Special"]
+__all__ = ["SPECIAL", "FloatLayout", "FloatView"]
+
+#: Sign of a result, and what takes the place of its number: NaN, which has no sign, wins over
+#: infinity, and that over zero.
+SPECIAL = data.StructLayout({"sign": 1, "zero": 1, "infinite": 1, "nan": 1})
 
 
 class FloatLayout(data.StructLayout):
@@ -68,15 +72,3 @@ class FloatView(data.View):
     def is_nan(self):
         """Whether it is NaN."""
         return self.exponent.all() & self.fraction.any()
-
-
-class Special(data.Struct):
-    """Sign of a result, and what takes the place of its number.
-
-    NaN, which has no sign, wins over infinity, and that over zero.
-    """
-
-    sign: 1
-    zero: 1
-    infinite: 1
-    nan: 1

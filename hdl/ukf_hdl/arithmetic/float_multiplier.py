@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from amaranth import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib.data import View
 
-from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
+from ukf_hdl.arithmetic.float_layout import SPECIAL, FloatLayout
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.pipelining import CutPoints
 from ukf_sw.spec.parameters import Pipeline
@@ -31,7 +32,7 @@ class _Scale:
     """What is known of the product without the significands."""
 
     exponent: Value  # one less than that of a product below two
-    special: Special
+    special: View
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,7 @@ class FloatMultiplier(FloatUnit):
         fmt = self._fmt
         exponent = Signal(fmt.exponent_bits + 2)
         nan = Signal()
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             exponent.eq(a.exponent + b.exponent - (fmt.bias + 1)),
             nan.eq(a.is_nan | b.is_nan | (~a.is_finite & b.is_zero) | (~b.is_finite & a.is_zero)),
@@ -169,7 +170,7 @@ class FloatMultiplier(FloatUnit):
         underflow = Signal()
         overflow = Signal()
         magnitude = Signal(fmt.width - 1)
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             underflow.eq(field[-1] | (field == 0)),
             overflow.eq(~field[-1] & (field[-2] | field[:-2].all())),

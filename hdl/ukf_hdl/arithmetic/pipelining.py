@@ -1,10 +1,13 @@
 """Optional registers along a datapath."""
 
 from dataclasses import fields, is_dataclass
+from typing import Any, TypeVar
 
 from amaranth import Signal
 
 __all__ = ["CutPoints"]
+
+Travelling = TypeVar("Travelling")
 
 
 class CutPoints:
@@ -36,7 +39,7 @@ class CutPoints:
         """Whether a register stands at the place of this name."""
         return name in self._cuts
 
-    def cut(self, name, value):
+    def cut(self, name: str, value: Travelling) -> Travelling:
         """Pass what travels together through registers if the place of this name is in use.
 
         Everything that is used later must go through every place.
@@ -57,7 +60,7 @@ class CutPoints:
             value = self._registers(value, "output")
         self._m.d.comb += target.eq(value)
 
-    def _registers(self, value, name):
+    def _registers(self, value: Any, name: str) -> Any:
         if is_dataclass(value):
             parts = {field.name: getattr(value, field.name) for field in fields(value)}
             return type(value)(**{

@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 
 from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
+from amaranth.lib.data import View
 from amaranth.lib.memory import Memory
 
-from ukf_hdl.arithmetic.float_layout import FloatLayout, Special
+from ukf_hdl.arithmetic.float_layout import SPECIAL, FloatLayout
 from ukf_hdl.arithmetic.float_unit import FloatUnit
 from ukf_hdl.arithmetic.pipelining import CutPoints
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
@@ -49,7 +50,7 @@ class _Operand:
     distance: Value  # from the middle of the segment of the table
     radicand: Value  # for Newton's iteration, which is the only one to use it
     exponent: Value  # of a root below one
-    special: Special
+    special: View
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,7 @@ class ReciprocalSqrt(FloatUnit):
         odd = ~a.exponent[0]
         radicand = Mux(odd, Cat(Const(0, 1), a.significand), Cat(a.significand, Const(0, 1)))
         exponent = Signal(fmt.exponent_bits)
-        special = Signal(Special)
+        special = Signal(SPECIAL)
         m.d.comb += [
             # Half the bias, rounded up, comes back when the stored exponent is halved.
             exponent.eq((3 * fmt.bias - 1 - a.exponent) >> 1),

@@ -165,19 +165,20 @@ class Engine(wiring.Component):
             fmt, stages=self._code.pipeline.reciprocal_sqrt
         )
         number = FloatLayout(fmt)
-        bus = _Bus(source=Signal(number, name="source"), value=Signal(number, name="bus"))
+        source, value = Signal(fmt.width), Signal(fmt.width, name="bus")
+        bus = _Bus(source=number(source), value=number(value))
         with m.Switch(word.bus_source):
             with m.Case(BusSource.LOAD):
-                m.d.comb += bus.source.eq(loaded)
+                m.d.comb += source.eq(loaded)
             with m.Case(BusSource.ROOT):
-                m.d.comb += bus.source.eq(unit.root)
+                m.d.comb += source.eq(unit.root)
             with m.Default():
-                m.d.comb += bus.source.eq(accumulated)
-        m.d.comb += unit.a.eq(bus.source)
+                m.d.comb += source.eq(accumulated)
+        m.d.comb += unit.a.eq(source)
         with m.If(~self.busy):
-            m.d.comb += bus.value.eq(self.memory.write_data)
+            m.d.comb += value.eq(self.memory.write_data)
         with m.Elif(~self._is_masked(word.bus_observation)):
-            m.d.comb += bus.value.eq(bus.source)
+            m.d.comb += value.eq(source)
         return bus
 
     def _elaborate_checks(self, m, word, bus, lanes):
