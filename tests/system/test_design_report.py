@@ -2,7 +2,9 @@
 
 import json
 import shutil
+import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -426,6 +428,27 @@ def test_timing(ukf, netlist, monkeypatch):
     text = ukf(*options).stdout
     assert "4.50 ns, 56% of the period at 125 MHz" in text
     assert "ECP5" not in text
+
+
+def test_yosys_is_kept_compiled_where_that_is_allowed(monkeypatch, tmp_path):
+    made = []
+
+    def run(command, *, env, **_):
+        made.append(env["YOWASP_CACHE_DIR"])
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(series7.subprocess, "run", run)
+    monkeypatch.delenv("YOWASP_CACHE_DIR", raising=False)
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda *_, **__: str(tmp_path / "cache"))
+    series7.run_yosys("", tmp_path)
+    assert made.pop() == str(tmp_path / "cache")
+    (tmp_path / "file").touch()  # no folder can be made in it, not even by root
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda *_, **__: str(tmp_path / "file/x"))
+    series7.run_yosys("", tmp_path)
+    assert made.pop().startswith(tempfile.gettempdir())
+    monkeypatch.setenv("YOWASP_CACHE_DIR", "mine")
+    series7.run_yosys("", tmp_path)
+    assert made == ["mine"]
 
 
 def test_yosys_that_is_not_installed(monkeypatch, tmp_path):

@@ -186,8 +186,6 @@ def check_nobody(place: Place, folder: Path) -> None:
         ["latency", *SMALL],
         ["run", *NANOSAT, "--steps", "5"],
         ["generate", *SMALL, "--output", "core"],
-        ["cosim", *SMALL, "--steps", "5"],
-        ["resources", *SMALL],
     ):
         place.run("ukf", *arguments, cwd=own, user=nobody, **unset)
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ukf_tools.cli.console import JsonOption, fail, messages, print_json, results
+from ukf_tools.cli.console import JsonOption, fail, print_json, progress_bars, results
 
 __all__ = ["baseline"]
 
@@ -30,7 +30,8 @@ def baseline(
     from ukf_tools.baseline.report import markdown, measure
 
     try:
-        with messages.status("Compiling and counting"):
+        with progress_bars(counted=False) as bars:
+            bars.add_task("Compiling and counting", total=None)
             record = measure(steps, sysroot)
     except (BaselineError, ValueError, OSError) as error:
         fail(str(error), 1)
