@@ -8,14 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ukf_sw
+from ukf_sw.backends import make_backend
 from ukf_sw.engine import interpreter, kernel_cache
-from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.spec.float_format import BINARY16, BINARY64
 from ukf_sw.spec.parameters import Form, UkfParams
-from ukf_sw.spec.sequence import Program
 
 #: A compiled function that calls one of another file and holds a constant of a third one.
 PROBE = """
@@ -147,12 +147,17 @@ def test_a_folder_that_vanishes_does_not_fail_a_call(package):
 
 
 def test_one_compiled_function_serves_all_cores():
+    rng = np.random.default_rng(1)
     for params in (
         UkfParams(n=1, m=1),
-        UkfParams(n=2, m=2, q=1, pes=3, format=BINARY16, form=Form.COVARIANCE),
-        UkfParams(n=2, m=1, pes=2, format=BINARY64),
+        UkfParams(n=2, m=2, q=1, pes=3, format=BINARY16),
+        UkfParams(n=2, m=1, pes=2, format=BINARY64, form=Form.COVARIANCE),
     ):
-        Interpreter(params).run(Program.INIT, mask=1, state_bank=1, stop_after=5)
+        n, m = params.n, params.m
+        backend = make_backend("golden", params)
+        backend.initialise(np.zeros(n), np.eye(n), np.eye(params.q), np.eye(params.r))
+        backend.predict(rng.standard_normal(backend.sigma_points().shape))
+        backend.update(rng.standard_normal((m, params.N)), np.zeros(m), np.ones(m, dtype=bool))
     assert len(interpreter._execute.signatures) == 1
 
 
