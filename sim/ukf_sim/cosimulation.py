@@ -161,13 +161,14 @@ class _Observer:
     def after_step(self, done: int, ukf: UnscentedKalmanFilter) -> None:
         """Note an iteration, or the beginning; the reading for it counts in none of them."""
         if done:
-            traffic, clocks, bus_clocks, bus_words = (
-                now - before for now, before in zip(self._counts(), self._before, strict=True)
+            (traffic, *numbers), (traffic_before, *before) = self._counts(), self._before
+            clocks, bus_clocks, bus_words = (
+                now - then for now, then in zip(numbers, before, strict=True)
             )
             self.iterations.append(
                 Iteration(
-                    cycles=dict(self._driver.last_cycles), traffic=traffic, clocks=clocks,
-                    bus_clocks=bus_clocks, bus_words=bus_words,
+                    cycles=dict(self._driver.last_cycles), traffic=traffic - traffic_before,
+                    clocks=clocks, bus_clocks=bus_clocks, bus_words=bus_words,
                 )
             )  # fmt: skip
             self._context.lockstep.verify(OFTEN)

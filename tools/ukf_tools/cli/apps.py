@@ -286,13 +286,14 @@ def _fly(
     duration: float | None = None,
 ) -> "Evaluation":
     """Run the study of SwampSat, keep it and its figures."""
+    from ukf_sw.problems.systems.swampsat.flight import SETTINGS
     from ukf_tools.evaluate.swampsat import evaluate_study, plot_study, run_study
 
     started = time.perf_counter()
-    keywords = {} if duration is None else {"duration": duration}
     found = run_study(
-        seeds=seeds, backend="reference" if backend == "reference" else "golden", workers=workers,
-        progress=lambda done, total: tell("SwampSat", done, total), **keywords,
+        seeds=seeds, duration=SETTINGS.duration if duration is None else duration,
+        backend="reference" if backend == "reference" else "golden", workers=workers,
+        progress=lambda done, total: tell("SwampSat", done, total),
     )  # fmt: skip
     plots = tuple(plot_study(found, output))
     text = json.dumps(found, allow_nan=False) + "\n"

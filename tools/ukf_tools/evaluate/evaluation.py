@@ -110,8 +110,14 @@ class Evaluation:
         return record
 
 
-def _describe(entry: Entry) -> dict[str, str]:
-    return {"name": entry.name, "doc": entry.doc, "source": entry.source}
+def _unjudged(
+    entry: Entry, backend: str, *, seed: int, runs: int, steps: int | None, stopped: str | None
+) -> Evaluation:
+    """What there is to say before anything is compared."""
+    return Evaluation(
+        name=entry.name, doc=entry.doc, source=entry.source, backend=backend, seed=seed, runs=runs,
+        steps=steps, stopped=stopped,
+    )  # fmt: skip
 
 
 def evaluate(
@@ -168,10 +174,9 @@ def evaluate(
             stopped = str(error)
         if stopped is not None:
             break
-    made = Evaluation(
-        **_describe(entry), backend=backend, seed=seed, runs=len(found[backend]), steps=None,
-        stopped=stopped,
-    )  # fmt: skip
+    made = _unjudged(
+        entry, backend, seed=seed, runs=len(found[backend]), steps=None, stopped=stopped
+    )
     if stopped is None:
         judgement = judge(found[backend], found["reference"])
         first = found[backend][0]
@@ -269,11 +274,9 @@ def evaluate_in_simulator(
         progress=lambda phase, done: tell(f"{name}: {phase}", done, steps),
     )  # fmt: skip
     own = found.run
-    made = Evaluation(
-        **_describe(entry), backend="cosim", seed=seed, runs=1, steps=own.steps,
-        stopped=None if own.stop is None else own.stop.message, pes=pes,
-        observed=found.observations,
-    )  # fmt: skip
+    stopped = None if own.stop is None else own.stop.message
+    made = _unjudged(entry, "cosim", seed=seed, runs=1, steps=own.steps, stopped=stopped)
+    made = replace(made, pes=pes, observed=found.observations)
     if own.steps:
         reference = run(own.scenario, steps=own.steps)
         made = replace(made, judgement=judge(own, reference))

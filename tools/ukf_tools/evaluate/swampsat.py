@@ -94,7 +94,7 @@ def _summary(values: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def _curve(errors: Errors, every: int) -> dict[str, list[float | None]]:
+def _curve(errors: Errors, every: int) -> dict[str, Any]:
     """Some of an error's samples."""
     return {
         "times": [round(float(t), 3) for t in errors.times[::every]],
@@ -518,7 +518,7 @@ def _draw_attitude(axes: "Axes", found: dict[str, Any], *, filters: bool) -> Non
         if column.startswith("quest") == filters:
             continue
         minutes = np.array(curve["times"]) / 60.0
-        style = _style(column) | {"markersize": 2.5}
+        style: dict[str, Any] = _style(column) | {"markersize": 2.5}
         axes.plot(minutes, np.maximum(_floats(curve["attitude"]), 1e-3), **style)
 
 
@@ -529,8 +529,9 @@ def _draw_bias(axes: "Axes", found: dict[str, Any]) -> None:
         minutes, style = np.array(curve["times"]) / 60.0, _style(column)
         bias = np.array([_floats(row) for row in curve["bias"]])
         for axis in range(3):
-            label = style["label"] if axis == 0 else None
-            axes.plot(minutes, bias[:, axis], **(style | {"label": label}))
+            if axis == 1:
+                del style["label"]  # once is enough
+            axes.plot(minutes, bias[:, axis], **style)
     axes.set_ylim(-0.3, 0.3)
 
 
