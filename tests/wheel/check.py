@@ -2,8 +2,8 @@
 
 ``python tests/wheel/check.py`` builds the wheel and
 
-- installs it with all extras: every kind of command runs, also for a user without a home who may
-  write nowhere but in the folder for temporary files;
+- installs it with all extras: every kind of command runs, some of them also without a home and
+  with an install that is read-only;
 - installs it alone on Python 3.10 with a NumPy below 2, and with 1.21: the filter runs on an
   emulated core behind a UIO device, with the bits of the golden model, and the tests of the base
   pass.
@@ -26,6 +26,12 @@ BOARD = ["--config", "nanosat-additive", "--pes", "10", "--steps", "5"]
 SMALL = ["--n", "1", "--m", "1"]
 NANOSAT = ["--config", "nanosat", "--pes", "2"]
 BASE_TESTS = ["test_base.py", "test_boards.py"]
+#: What makes root obey permissions; others do.
+GUARD = (
+    ["setpriv", "--bounding-set", "-dac_override,-dac_read_search,-fowner"]
+    if os.getuid() == 0
+    else []
+)
 #: NumPy of the base installs.
 NUMPY = ["numpy<2", "numpy==1.21.*"]
 
@@ -74,7 +80,7 @@ class Place:
 
     def run(
         self, program: str, *arguments: str, code: int = 0, cwd: Path | None = None,
-        user: int | None = None, **environment: str | None,
+        guarded: bool = False, **environment: str | None,
     ) -> str:  # fmt: skip
         """Run a program of the environment, and give what it printed.
 
@@ -91,7 +97,8 @@ class Place:
         shown = " ".join([program, *arguments]).partition("\n")[0][:100]
         started = time.monotonic()
         done = subprocess.run(
-            [self.bin / program, *arguments], cwd=cwd or self.work, env=everything, user=user,
+            [*GUARD * guarded, str(self.bin / program), *arguments],
+            cwd=cwd or self.work, env=everything,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
         )  # fmt: skip
         tell(f"  {time.monotonic() - started:5.1f} s  {shown}")
@@ -159,7 +166,7 @@ def check_everything(folder: Path, wheel: Path) -> Path:
         raise CheckError("make must be installed")
     (place.bin / "make").symlink_to(make)
     place.run("make", "test", "PYTHON=python", cwd=project)
-    check_nobody(place, folder)
+    check_read_only(place, folder)
     estimates = folder / "golden.npz"
     place.run("python", "-m", "ukf_sw.board", *BOARD, "--save", str(estimates))
     return estimates
@@ -172,22 +179,25 @@ def no_check_without_tcl() -> list[str]:
     return ["--no-check"] * bool(missing)
 
 
-def check_nobody(place: Place, folder: Path) -> None:
-    """Use the install as somebody who may not write there, and has no home."""
-    if os.getuid() != 0:
-        tell("Not root: the check for a user without a home is left out")
-        return
-    nobody = 65534
-    own = folder / "nobody"
+def check_read_only(place: Place, folder: Path) -> None:
+    """Use the install where nothing can be written to it, and without a home."""
+    own = folder / "own"
     own.mkdir()
-    shutil.chown(own, nobody, nobody)
-    unset = {"HOME": None, "XDG_CACHE_HOME": None, "NUMBA_CACHE_DIR": None, "TMPDIR": str(own)}
-    for arguments in (
-        ["latency", *SMALL],
-        ["run", *NANOSAT, "--steps", "5"],
-        ["generate", *SMALL, "--output", "core"],
-    ):
-        place.run("ukf", *arguments, cwd=own, user=nobody, **unset)
+    unset = {"HOME": "/proc/none", "XDG_CACHE_HOME": None, "NUMBA_CACHE_DIR": None}
+    environment = place.bin.parent
+    subprocess.run(["chmod", "-R", "a-w", str(environment)], check=True)
+    try:
+        touch = [*GUARD, "touch", str(place.bin / "x")]
+        written = subprocess.run(touch, stderr=subprocess.DEVNULL, check=False).returncode == 0
+        expect(not written, "the install is read-only")
+        for arguments in (
+            ["latency", *SMALL],
+            ["run", *NANOSAT, "--steps", "5"],
+            ["generate", *SMALL, "--output", "core"],
+        ):
+            place.run("ukf", *arguments, cwd=own, guarded=True, **unset)
+    finally:
+        subprocess.run(["chmod", "-R", "u+w", str(environment)], check=True)
 
 
 def check_base(folder: Path, wheel: Path, python: str, numpy: str, estimates: Path) -> None:
