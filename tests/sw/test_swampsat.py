@@ -600,13 +600,13 @@ def test_rms_after_the_end_is_refused():
 
 def test_a_filter_that_breaks_off_is_reported(monkeypatch):
     from ukf_sw.errors import NotFiniteError
-    from ukf_sw.problems.systems.swampsat import study
+    from ukf_sw.reference import ReferenceUkf
     from ukf_sw.spec.sequence import Step
 
     def broken(*_, **__):
         raise NotFiniteError(Step.UPDATE)
 
-    monkeypatch.setattr(study, "run", broken)
+    monkeypatch.setattr(ReferenceUkf, "update", broken)
     errors = run_ukf(flight_of(0, 4.0), TWO)
     assert errors.failed
     assert errors.rms() == np.inf

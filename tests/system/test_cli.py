@@ -194,6 +194,19 @@ def test_run_takes_sizes(ukf):
     assert record["accuracy"]["limit"] is None
 
 
+def test_run_takes_any_system_of_the_catalogue(ukf, tmp_path):
+    options = ("run", "--config", "ctrv", "--steps", 40, "--pes", 3)
+    record = json.loads(ukf(*options, "--json").stdout)
+    assert (record["configuration"], record["parameters"]["pes"]) == ("ctrv", 3)
+    names = [error["error"] for error in record["accuracy"]["errors"]]
+    assert names == ["x", "y", "velocity x", "velocity y"]
+    assert record["accuracy"]["reference"]["rms_ratio"] == pytest.approx(1.0, abs=0.01)
+    assert (tmp_path / record["plot"]).read_bytes().startswith(b"\x89PNG")
+    # Its own first covariance is another than the one that is asked for.
+    other = json.loads(ukf(*options, "--p0", 9.0, "--json").stdout)
+    assert record["runs"][0]["last_estimate"] != other["runs"][0]["last_estimate"]
+
+
 def test_seed_changes_the_data(ukf):
     runs = [
         json.loads(ukf("run", *TINY, "--steps", 5, "--seed", seed, "--json").stdout)["runs"][0]
