@@ -321,10 +321,10 @@ MUTANTS = [
     Mutant(
         "design space: cycles do not depend on the pipeline",
         "tools/ukf_tools/design_space/parts.py",
-        'Core(params=self.params, pipeline=self.pipeline).record(),\n            "sources": digest("ukf_t'
-        'ools.estimate.latency")',
-        'Core(params=self.params).record(),\n            "sources": digest("ukf_t'
-        'ools.estimate.latency")',
+        'Core(params=self.params, pipeline=self.pipeline).record(),\n            '
+        '"sources": digest("ukf_tools.estimate.latency")',
+        'Core(params=self.params).record(),\n            '
+        '"sources": digest("ukf_tools.estimate.latency")',
         f"{DESIGN_SPACE} -k know_what",
     ),
     Mutant(
