@@ -15,7 +15,7 @@ from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.spec.parameters import Noise, UkfParams
-from ukf_tools.new.project import TEMPLATES, check_name
+from ukf_tools.new.project_writer import TEMPLATES, check_name
 
 
 @pytest.fixture

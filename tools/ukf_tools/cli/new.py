@@ -49,7 +49,7 @@ def new(
     It has models, simulated data, commands, tests and a Makefile, which runs the filter, generates
     Verilog, co-simulates it and plots. The problem is a heated strut: n cells, m thermistors.
     """
-    from ukf_tools.new.project import write_project
+    from ukf_tools.new.project_writer import write_project
 
     with checked():
         params = UkfParams(
