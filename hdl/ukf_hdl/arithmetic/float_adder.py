@@ -106,10 +106,10 @@ class _NearDifference:
 
 @dataclass(frozen=True, eq=False)
 class _Parted:
-    """What the near path made of the operands, and those of the far path."""
+    """Operands of the far path, and what the near path made of them."""
 
-    near: _NearDifference
     far: _Aligned
+    near: _NearDifference
     any_nan: Value
 
 
@@ -229,7 +229,14 @@ class FloatAdder(FloatUnit):
         m.d.comb += [
             wide.eq(Cat(~swap, minuend) + Cat(~swap, ~subtrahend)),
             difference.eq(wide[1:]),
-            possible.eq(ordered.terms.subtract & (ordered.shift < 2) & a.is_normal & b.is_normal),
+            possible.eq(
+                ordered.terms.subtract
+                & (ordered.shift < 2)
+                & ~a.is_zero
+                & ~b.is_zero
+                & a.is_finite
+                & b.is_finite
+            ),
         ]
         return _NearDifference(difference, possible, swap)
 

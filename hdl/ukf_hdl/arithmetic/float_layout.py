@@ -59,11 +59,6 @@ class FloatView(data.View):
         return self.exponent == 0
 
     @property
-    def is_normal(self):
-        """Whether it is neither zero nor infinity nor NaN."""
-        return (self.exponent != 0) & ~self.exponent.all()
-
-    @property
     def is_finite(self):
         """Whether it is neither infinity nor NaN."""
         return ~self.exponent.all()

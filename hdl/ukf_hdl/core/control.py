@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.data import StructLayout
 from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.core.axi4_lite import AccessSignature
 from ukf_hdl.core.signatures import EstimateSignature, RunSignature
 from ukf_hdl.core.soc import csr, event
@@ -439,11 +440,12 @@ class Control(wiring.Component):
 
     def _elaborate_ending(self, m, fields, failed, flags, gated, nis):
         """What the end of a program does to the flags and banks, as in the table."""
-        magnitude = slice(0, self._params.format.width - 1)
+        number = FloatLayout(self._params.format)
         gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
+        gate = number(gate[: self._params.format.width])
         above_gate = Signal()
         # Magnitudes of floating-point numbers compare as integers.
-        m.d.comb += above_gate.eq(self.run.nis[magnitude] > gate[magnitude])
+        m.d.comb += above_gate.eq(number(self.run.nis).magnitude > gate.magnitude)
 
         def change(effect):
             for value, chosen in ((0, effect.clears), (1, effect.sets)):
