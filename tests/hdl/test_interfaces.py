@@ -430,15 +430,15 @@ def test_the_overlay_applies_to_a_zynq(params, tmp_path):
     assert run("fdtget", merged, node, "interrupt-parent") == controller
 
 
-PAGES = "base_address must be a multiple of 0x1000 of 32 bits, not {}"
+PLACES = "base_address must be a multiple of {}, the size of the core, of 32 bits, not {}"
 SHARED = "interrupt must be between 32 and 1019, not {}"
 
 
 @pytest.mark.parametrize(
     ("place", "message"),
     [
-        ({"base_address": 0x43C0_0004}, PAGES.format("0x43c00004")),
-        ({"base_address": 1 << 32}, PAGES.format("0x100000000")),
+        ({"base_address": 0x43C0_0004}, PLACES.format("0x1000", "0x43c00004")),
+        ({"base_address": 1 << 32}, PLACES.format("0x1000", "0x100000000")),
         ({"interrupt": 31}, SHARED.format(31)),
         ({"interrupt": 1020}, SHARED.format(1020)),
     ],
@@ -447,6 +447,12 @@ def test_the_place_in_the_system_is_checked(place, message, tmp_path):
     with pytest.raises(ValueError, match=f"^{message}$"):
         generate(SMALLEST, Pipeline(), tmp_path / "core", engine=StubEngine(SMALLEST), **place)
     assert not (tmp_path / "core").exists()
+
+
+@pytest.mark.parametrize("base_address", [0x43C0_1000, 0xFFFF_F000])
+def test_a_large_core_is_at_a_multiple_of_its_size(base_address):
+    with pytest.raises(ValueError, match=f"^{PLACES.format('0x4000', f'{base_address:#x}')}$"):
+        texts(NANOSAT, base_address=base_address)
 
 
 def test_the_place_in_the_system_is_in_the_files():

@@ -22,22 +22,24 @@ def device_tree(record: dict[str, Any], *, base_address: int, interrupt: int) ->
     record
         Description of the core.
     base_address
-        Where the core is on the bus of the processor; a multiple of a page.
+        Where the core is on the bus of the processor; a multiple of its size, which is at least a
+        page.
     interrupt
         Number of its interrupt at the interrupt controller, 32 or more.
 
     Raises
     ------
     ValueError
-        If the address is not that of a page, or the interrupt is not a shared one.
+        If the address does not fit the size of the core, or the interrupt is not a shared one.
     """
-    if base_address % PAGE or not 0 <= base_address < 1 << 32:
+    size = max(PAGE, 1 << record["address_width"])
+    if base_address % size or not 0 <= base_address < 1 << 32:
         raise ValueError(
-            f"base_address must be a multiple of {PAGE:#x} of 32 bits, not {base_address:#x}"
+            f"base_address must be a multiple of {size:#x}, the size of the core, of 32 bits, "
+            f"not {base_address:#x}"
         )
     if not FIRST_SHARED <= interrupt < 1020:
         raise ValueError(f"interrupt must be between {FIRST_SHARED} and 1019, not {interrupt!r}")
-    size = max(PAGE, 1 << record["address_width"])
     return f"""\
 // Device tree overlay for the UKF core on a Zynq-7000. Generated, do not edit.
 /dts-v1/;

@@ -105,7 +105,7 @@ def _execute(
     factor_bank: int,
     parameters: ScalarParameters,
     table: NDArray[np.int64],
-) -> _State:
+) -> tuple[int, int, int, bool, int, bool]:
     """Execute words from `entry` on until the last one, or for `stop_after` clocks."""
     pes = array.pes
     lanes_ring = np.zeros((_RING, pes))
@@ -233,7 +233,8 @@ def _execute(
         clock += 1
         if word["last"]:
             break
-    return _State(error_code, error_index, nis, has_nis, clock, conflict)
+    # Plain values: to make an object of a class here would call Python, which an interrupt breaks.
+    return error_code, error_index, nis, has_nis, clock, conflict
 
 
 class Interpreter:
@@ -309,12 +310,12 @@ class Interpreter:
         AdderConflictError
             If the words use an adder twice on a clock.
         """
-        state = _execute(
+        state = _State(*_execute(
             self._words, self.microcode.entry[program], -1 if stop_after is None else stop_after,
             self._array, self._lane_sets, self.memory.view(np.int64), self._scalars,
             mask & (1 << self.params.m) - 1, state_bank, factor_bank, self._parameters,
             self._table,
-        )  # fmt: skip
+        ))  # fmt: skip
         if state.conflict:
             raise AdderConflictError(f"The schedule of {program!r} uses an adder twice on a clock")
         return RunResult(

@@ -47,8 +47,8 @@ JsonOption = Annotated[
 ]
 
 #: Progress and messages; standard output is for results.
-messages = Console(stderr=True)
-results = Console()
+messages = Console(stderr=True, emoji=False)
+results = Console(emoji=False)
 
 
 def fail(message: str, code: int = 2) -> NoReturn:

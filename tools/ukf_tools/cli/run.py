@@ -119,6 +119,9 @@ def run(
                 _record(*row) for row in zip(seeds, own, each_judged, strict=True)
             ],
             "accuracy": judged.as_dict(),
+            "reference_stopped": [
+                one.stop.as_dict() for one in others or [] if one.stop is not None
+            ],
             "plot": None if image is None else str(image),
         })  # fmt: skip
     else:
@@ -129,6 +132,13 @@ def run(
         print_judgement(judged)
         for one in own:
             print_stop(one)
+        for one in others or []:
+            if one.stop is not None:
+                results.print(
+                    f"[bold yellow]The reference stopped[/] after {one.stop.iteration} iterations, "
+                    f"so there is no comparison: {one.stop.message}.",
+                    soft_wrap=True,
+                )
         if image is not None:
             results.print(f"Plot: {image}", soft_wrap=True)
     if any(one.stop is not None for one in own):
