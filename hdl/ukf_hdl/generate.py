@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
@@ -261,17 +262,25 @@ def without_header(text: str) -> str:
 
 @contextmanager
 def _builtin_yosys():
-    """Have Amaranth use the Yosys that came with it: others write other bytes."""
-    name = "AMARANTH_USE_YOSYS"
-    before = os.environ.get(name)
-    os.environ[name] = "builtin"
+    """Have Amaranth use the Yosys that came with it: others write other bytes.
+
+    It keeps itself compiled in a cache of the user, and does not run where there can be none.
+    """
+    before = dict(os.environ)
+    os.environ["AMARANTH_USE_YOSYS"] = "builtin"
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        cache.mkdir(parents=True, exist_ok=True)
+        usable = os.access(cache, os.W_OK | os.X_OK)
+    except (OSError, RuntimeError):  # there is no home, or it cannot be written
+        usable = False
+    if not usable:
+        os.environ["XDG_CACHE_HOME"] = str(Path(tempfile.gettempdir(), f"ukf-cache-{os.getuid()}"))
     try:
         yield
     finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def generate(

@@ -177,3 +177,14 @@ def test_a_register_map_that_resolves_otherwise_is_refused():
 
     with pytest.raises(RuntimeError, match=r"^Register map must resolve to .*, not .*$"):
         Moved(SMALLEST)
+
+
+@pytest.mark.parametrize("variables", [{"HOME": "/proc/none"}, {"XDG_CACHE_HOME": "/proc/none"}])
+def test_a_user_without_a_cache_gets_the_same_bytes(variables, tmp_path, monkeypatch):
+    usual = generate(SMALLEST, Pipeline(), tmp_path / "usual", engine=StubEngine(SMALLEST))
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    without = generate(SMALLEST, Pipeline(), tmp_path / "without", engine=StubEngine(SMALLEST))
+    assert [file.read_bytes() for file in without] == [file.read_bytes() for file in usual]
+    assert os.environ.get("XDG_CACHE_HOME") == variables.get("XDG_CACHE_HOME")
