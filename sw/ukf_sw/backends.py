@@ -136,6 +136,7 @@ def _reference(params: UkfParams, where: str, pipeline: Pipeline | None) -> Back
 
 def _golden(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     _nothing("golden", where)
+    require_backend("golden")
     return golden_driver(params, pipeline)
 
 
@@ -219,10 +220,10 @@ def make_backend(name: str, params: UkfParams, pipeline: Pipeline | None = None)
     MissingExtraError
         If an extra that it needs is not installed.
     """
-    require_backend(name)
     kind, _, where = name.partition(":")
     if kind in _OWN:
         return _OWN[kind](params, where, pipeline)
     for point in entry_points(group=GROUP, name=kind):
+        require_backend(name)
         return point.load()(params, where, pipeline)
     raise ValueError(f"backend must be one of {', '.join(backend_names())}, not {name!r}")
