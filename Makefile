@@ -31,7 +31,7 @@ demo: $(STAMP) ## Generate the core with 2 PEs; run 1.5 s of the nanosatellite o
 	@echo "A satellite's attitude was estimated 1000 times a second by the generated Verilog in build/demo/core,"
 	@echo "clock by clock, driven by the C code that a board would run; every bit equals the golden model's."
 	@echo "What next:"
-	@echo "  look at build/demo/attitude.png, the errors within the filter's own 3 standard deviations"
+	@echo "  look at build/demo/attitude.png, the errors and the filter's own 3 standard deviations"
 	@echo "  choose a core: ukf latency --config nanosat --pes 10, and docs/design-space.md"
 	@echo "  bring your own filter: ukf new my-filter, and docs/own-model.md"
 
