@@ -2,7 +2,6 @@
 
 import json
 import os
-import tempfile
 from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
@@ -19,6 +18,7 @@ from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
+from ukf_sw.folders import cache_folder
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -260,6 +260,17 @@ def without_header(text: str) -> str:
     return "".join(dropwhile(lambda line: line.startswith((_COMMENT, "\n")), lines))
 
 
+def _user_cache():
+    """Folder of this user's caches, or None without a home."""
+    named = os.environ.get("XDG_CACHE_HOME")
+    if named:
+        return Path(named)
+    try:
+        return Path.home() / ".cache"
+    except RuntimeError:
+        return None
+
+
 @contextmanager
 def _builtin_yosys():
     """Have Amaranth use the Yosys that came with it: others write other bytes.
@@ -268,14 +279,7 @@ def _builtin_yosys():
     """
     before = dict(os.environ)
     os.environ["AMARANTH_USE_YOSYS"] = "builtin"
-    try:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        cache.mkdir(parents=True, exist_ok=True)
-        usable = os.access(cache, os.W_OK | os.X_OK)
-    except (OSError, RuntimeError):  # there is no home, or it cannot be written
-        usable = False
-    if not usable:
-        os.environ["XDG_CACHE_HOME"] = str(Path(tempfile.gettempdir(), f"ukf-cache-{os.getuid()}"))
+    os.environ["XDG_CACHE_HOME"] = str(cache_folder(_user_cache()))
     try:
         yield
     finally:

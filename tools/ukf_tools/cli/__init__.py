@@ -8,9 +8,9 @@ from ukf_sw import __version__
 from ukf_tools.cli.apps import apps_app
 from ukf_tools.cli.baseline import baseline
 from ukf_tools.cli.c_software import c_arm, c_loop, export
-from ukf_tools.cli.core import generate, latency
 from ukf_tools.cli.cosim import cosim
-from ukf_tools.cli.estimates import resources, timing
+from ukf_tools.cli.estimates import latency, resources, timing
+from ukf_tools.cli.generate import generate
 from ukf_tools.cli.new import new
 from ukf_tools.cli.package import package, write_testbench
 from ukf_tools.cli.run import run

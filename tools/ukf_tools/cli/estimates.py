@@ -1,4 +1,4 @@
-"""Commands about what a core takes: ``ukf resources``, ``ukf timing``."""
+"""Commands about what a core takes: ``ukf latency``, ``ukf resources``, ``ukf timing``."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,12 +19,38 @@ from ukf_tools.cli.console import (
 from ukf_tools.cli.lists import numbers
 from ukf_tools.cli.options import with_core
 
-__all__ = ["resources", "timing"]
+__all__ = ["latency", "resources", "timing"]
 
 CacheOption = Annotated[
     Path, typer.Option("--cache", help="Folder of results, shared with `ukf sweep`.")
 ]
 _CACHE = Path("build/design-space")
+
+
+@with_core
+def latency(core: Core, as_json: JsonOption = False) -> None:
+    """Print the cycles of every step, from the schedule: what the core's counter will read."""
+    from ukf_tools.estimate.latency import latency as compute
+
+    record = compute(core.params, core.pipeline)
+    if as_json:
+        print_json(record | core.record())
+        return
+    results.print(f"[bold]{core.title}[/]", soft_wrap=True)
+    table = Table()
+    table.add_column("step")
+    table.add_column("cycles", justify="right")
+    for name, cycles in record["steps"].items():
+        table.add_row(name, str(cycles))
+    table.add_row("total", str(record["total"]), style="bold", end_section=True)
+    for name in ("INIT", "SIG_GEN", "SIG_GEN_PREDICTED", "UPDATE_REDRAWN", "COVARIANCE",
+                 "COVARIANCE_PREDICTED"):  # fmt: skip
+        table.add_row(name, str(record["programs"][name]))
+    results.print(table)
+    results.print(
+        "SIG_GEN costs nothing after an UPDATE, which leaves the next sigma points. Below the "
+        "total: the programs that an iteration does not run."
+    )
 
 
 def _netlist(core: Core, cache: Path) -> Any:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from ukf_hdl.generate import NAME, generate
 from ukf_sw.extras import require
+from ukf_sw.folders import cache_folder
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = [
@@ -150,14 +151,7 @@ def _yowasp_cache() -> Path:
     """Folder in which YoWASP keeps its tools compiled; one for temporary files if it may not."""
     from platformdirs import user_cache_dir
 
-    folder = Path(user_cache_dir("YoWASP", appauthor=False))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    except OSError:
-        pass
-    return Path(tempfile.gettempdir()) / f"yowasp-{os.getuid()}"
+    return cache_folder(Path(user_cache_dir("YoWASP", appauthor=False)))
 
 
 def run_yowasp(

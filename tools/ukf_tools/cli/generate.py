@@ -1,10 +1,9 @@
-"""Commands about the core itself: ``ukf generate``, ``ukf latency``."""
+"""Command ``ukf generate``: write a core."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
@@ -13,13 +12,11 @@ from ukf_tools.cli.console import (
     fail,
     needs,
     print_files,
-    print_json,
     progress_bars,
-    results,
 )
 from ukf_tools.cli.options import with_core
 
-__all__ = ["generate", "latency"]
+__all__ = ["generate"]
 
 
 def _address(text: str) -> int:
@@ -68,29 +65,3 @@ def generate(
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)
-
-
-@with_core
-def latency(core: Core, as_json: JsonOption = False) -> None:
-    """Print the cycles of every step, from the schedule: what the core's counter will read."""
-    from ukf_tools.estimate.latency import latency as compute
-
-    record = compute(core.params, core.pipeline)
-    if as_json:
-        print_json(record | core.record())
-        return
-    results.print(f"[bold]{core.title}[/]", soft_wrap=True)
-    table = Table()
-    table.add_column("step")
-    table.add_column("cycles", justify="right")
-    for name, cycles in record["steps"].items():
-        table.add_row(name, str(cycles))
-    table.add_row("total", str(record["total"]), style="bold", end_section=True)
-    for name in ("INIT", "SIG_GEN", "SIG_GEN_PREDICTED", "UPDATE_REDRAWN", "COVARIANCE",
-                 "COVARIANCE_PREDICTED"):  # fmt: skip
-        table.add_row(name, str(record["programs"][name]))
-    results.print(table)
-    results.print(
-        "SIG_GEN costs nothing after an UPDATE, which leaves the next sigma points. Below the "
-        "total: the programs that an iteration does not run."
-    )
