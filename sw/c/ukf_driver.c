@@ -237,6 +237,8 @@ struct field {
 #define MEMBER(name, item, member) FIELD(name, item, core->member, WRONG_##name),
 #define WRONG_SIZES UKF_WRONG_SIZES
 #define WRONG_CONFIG UKF_WRONG_FORMAT
+#define WRONG_W0_LOW UKF_WRONG_FORMAT
+#define WRONG_W0_HIGH UKF_WRONG_FORMAT
 
 static enum ukf_result check_core(struct ukf_driver *driver)
 {
@@ -259,6 +261,9 @@ static enum ukf_result check_core(struct ukf_driver *driver)
                 return result;
             }
         }
+        if (field->offset == UKF_CONFIG_OFFSET) {
+            driver->pes = (word & UKF_CONFIG_PES_MASK) >> UKF_CONFIG_PES_SHIFT;
+        }
         found = (word & field->mask) >> field->shift;
         if (found != field->value) {
             driver->fault = (struct ukf_fault){
@@ -266,8 +271,6 @@ static enum ukf_result check_core(struct ukf_driver *driver)
             return field->error;
         }
     }
-    /* The last word was CONFIG. */
-    driver->pes = (word & UKF_CONFIG_PES_MASK) >> UKF_CONFIG_PES_SHIFT;
     return UKF_OK;
 }
 

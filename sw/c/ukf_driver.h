@@ -36,6 +36,8 @@ struct ukf_core {
     uint32_t covariance_form; /**< 0: square-root form, 1: covariance form. */
     uint32_t additive_q;      /**< Process noise is additive. */
     uint32_t additive_r;      /**< Observation noise is additive. */
+    uint32_t w0_low;          /**< Weight of sigma point 0, a binary64 number. */
+    uint32_t w0_high;
     uint32_t points;          /**< Sigma points. */
     uint32_t element_bytes;   /**< Bytes of a number. */
     uint32_t row_stride;      /**< Bytes from a row to the next. */
@@ -71,7 +73,7 @@ enum ukf_result {
     UKF_BUS_ERROR,      /**< The core refused the access at fault.address. */
     UKF_WRONG_ID,       /**< ID is not that of a UKF core, or of another version of the map. */
     UKF_WRONG_SIZES,    /**< n, m, q or r are others. */
-    UKF_WRONG_FORMAT,   /**< Number format, form or kinds of noise are others. */
+    UKF_WRONG_FORMAT,   /**< Number format, form, kinds of noise or W0 are others. */
     UKF_BAD_ARGUMENT,   /**< An argument is out of range, not finite, or no covariance. */
     UKF_BAD_MODEL       /**< A model failed or was not finite: fault.point, fault.index. */
 };

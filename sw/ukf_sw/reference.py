@@ -241,7 +241,12 @@ class ReferenceUkf:
         self._check_regular(S, mask)
         solved = np.linalg.solve(S, np.column_stack((Pxz.T, innovation)))
         K = solved[:, :-1].T
-        nis = float(innovation @ solved[:, -1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            nis = float(innovation @ solved[:, -1])
+        if not np.isfinite(nis):  # it is too large for a float64, and so above every gate
+            nis = np.inf
+            if self._gate == np.inf:
+                raise NotFiniteError(Step.UPDATE)
         if nis > self._gate:
             if self._residuals is None:
                 self._points = None

@@ -2,6 +2,7 @@ import random
 from dataclasses import dataclass, field
 from operator import attrgetter
 
+import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
@@ -27,6 +28,8 @@ from ukf_sw.spec.registers import (
     REGISTERS,
     SIZES,
     STATUS,
+    W0_HIGH,
+    W0_LOW,
     Access,
     ErrorCode,
 )
@@ -39,7 +42,7 @@ PARAMS = [
     pytest.param(UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half"),
     pytest.param(
         UkfParams(
-            n=3, m=2, q=3, r=2, format=BINARY64, process_noise=Noise.ADDITIVE,
+            n=3, m=2, q=3, r=2, W0=0.1, format=BINARY64, process_noise=Noise.ADDITIVE,
             observation_noise=Noise.ADDITIVE,
         ),
         id="double",
@@ -120,6 +123,8 @@ class Model:
             CYCLES: self.cycles,
             NIS_LOW: self.nis & 0xFFFF_FFFF,
             NIS_HIGH: self.nis >> 32,
+            W0_LOW: int(np.float64(p.W0).view(np.uint64)) & 0xFFFF_FFFF,
+            W0_HIGH: int(np.float64(p.W0).view(np.uint64)) >> 32,
         }[register]  # fmt: skip
 
     def clock(self, *, write=None, state_written=False, factor_written=False, done=None):
@@ -203,19 +208,23 @@ class Model:
         }[step]
         return 0
 
-    def _end(self, gate, code, index, nis):
+    def _end(self, gate, code, index, nis, overflow):
         program = self.program
         self.ended |= {self.step}
         self.step = Step.IDLE
-        kind = "failed" if code else "ended"
         update = program in (Program.UPDATE, Program.UPDATE_REDRAWN)
+        magnitude = (1 << (self.params.format.width - 1)) - 1
+        gate &= magnitude
+        if overflow and gate < self.params.format.infinity:
+            code, index, nis = 0, 0, self.params.format.infinity
+            self.seen.add("overflow gated")
+        kind = "failed" if code else "ended"
         if code:
             self.error = (code, index)
         success = not code
         if update and success:
             self.nis = nis
-            magnitude = (1 << (self.params.format.width - 1)) - 1
-            if nis & magnitude > gate & magnitude:
+            if nis & magnitude > gate:
                 self.gated, success, kind = 1, False, "gated"
         self.seen.add((kind, program))
         if program is Program.INIT:
@@ -295,14 +304,17 @@ class Stimulus:
             return (1, register.offset, rng.getrandbits(32), self.strobe())
         return (rng.getrandbits(1), rng.getrandbits(self.address_width), rng.getrandbits(32), 0xF)
 
-    def result(self):
-        code = 0 if self.rng.random() < 0.75 else self.rng.choice([2, 3, 4])
-        return code, self.rng.getrandbits(8) if code else 0, self.number()
+    def result(self, program):
+        """Error code and index, NIS, and whether the error is an innovation that is too large."""
+        update = program in (Program.UPDATE, Program.UPDATE_REDRAWN)
+        overflow = update and self.rng.random() < 0.15
+        code = 2 * overflow or (0 if self.rng.random() < 0.75 else self.rng.choice([2, 3, 4]))
+        return code, self.rng.getrandbits(8) if code else 0, self.number(), overflow
 
 
 EVENTS = {
     "illegal while busy", "illegal while idle", "reset while busy", "reset while idle", "at once",
-    "set against clear", "reset on done",
+    "set against clear", "reset on done", "overflow gated",
     *(("ended", program) for program in Program),
     *(("failed", program) for program in Program),
     ("gated", Program.UPDATE), ("gated", Program.UPDATE_REDRAWN),
@@ -321,7 +333,7 @@ def test_agrees_with_model_on_every_clock(params):
         request = None
         answer = None
         age = 0
-        for _ in range(12000):
+        for _ in range(14000):
             # Everything that happens on this clock. A step ends while a write takes effect rather
             # often, so that the races are met.
             if request is None and rng.random() < 0.8:
@@ -332,7 +344,7 @@ def test_agrees_with_model_on_every_clock(params):
             taking_effect = request is not None and age == 1
             busy = model.step != Step.IDLE
             end = rng.random() < (0.6 if taking_effect else 0.1)
-            result = stimulus.result()
+            result = stimulus.result(model.program)
             written = (0, 0)
             if not busy and request is None:
                 written = (rng.random() < 0.1, rng.random() < 0.1)
@@ -346,6 +358,7 @@ def test_agrees_with_model_on_every_clock(params):
             ctx.set(dut.run.error_code, result[0] if end else rng.getrandbits(8))
             ctx.set(dut.run.error_index, result[1])
             ctx.set(dut.run.nis, result[2])
+            ctx.set(dut.run.innovation_overflow, result[3])
             ctx.set(dut.written.state, written[0])
             ctx.set(dut.written.factor, written[1])
 

@@ -93,6 +93,7 @@ class Bench:
             assert clocks == expected.clocks - STEP_OVERHEAD + 2
             result = (ctx.get(dut.run.error_code), ctx.get(dut.run.error_index))
             assert result == expected[:2]
+            assert ctx.get(dut.run.innovation_overflow) == expected.innovation_overflow
             if expected.nis is not None:
                 assert ctx.get(dut.run.nis) == expected.nis
             await ctx.tick()
@@ -214,6 +215,69 @@ def test_bad_pivots_are_reported():
         assert (await bench.run(Program.UPDATE, mask=1, state_bank=1)).error_code == 0
 
     simulate(params, pipeline, scenario)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("pes", [1, 3, 4])
+def test_a_pivot_that_is_rounding_noise_is_reported(form, pes):
+    """Rows that depend on others leave rounding errors; precise sensors leave small pivots."""
+    params, pipeline = UkfParams(n=2, m=3, r=3, form=form, pes=pes), Pipeline()
+    rng = np.random.default_rng(6)
+    #: Variance of the noise, in parts of that of a state.
+    noise = {Form.SQUARE_ROOT: 1e-10, Form.COVARIANCE: 1e-5}[form]
+    errors = []
+
+    async def scenario(bench):
+        await bench.fill("L", np.eye(2))
+        await bench.fill("LR", np.eye(3))
+        await bench.run(Program.INIT, compare=False)
+        await bench.run(Program.SIG_GEN, compare=False)
+        points = rng.normal(size=(2, params.N))
+        await bench.fill("X", points)
+        await bench.run(Program.PREDICT, compare=False)
+        rows = [points[0] * 700.0, points[1], (points[0] + points[1]) * 0.01]
+        for mask in (0b111, 0b011, 0b101, 0b110):
+            await bench.fill("Z", rows)
+            errors.append((await bench.run(Program.UPDATE, mask=mask, state_bank=1))[:2])
+        rows[2] = rows[2] + 0.01 * np.sqrt(noise) * rng.normal(size=params.N)
+        await bench.fill("Z", rows)
+        errors.append((await bench.run(Program.UPDATE, state_bank=1))[:2])
+
+    simulate(params, pipeline, scenario)
+    # The covariance form then finds nothing left of P, which is no fault of the observation.
+    assert errors[0] == (ErrorCode.SINGULAR_OBSERVATION, 2)
+    assert all(code != ErrorCode.SINGULAR_OBSERVATION for code, _ in errors[1:])
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("pes", [1, 2, 6])
+def test_an_innovation_too_large_for_the_format_is_told_from_other_overflow(form, pes):
+    params, pipeline = UkfParams(n=2, m=2, r=2, form=form, pes=pes), Pipeline()
+    rng = np.random.default_rng(7)
+    found = []
+
+    async def scenario(bench):
+        await bench.fill("L", np.eye(2))
+        await bench.fill("LR", np.eye(2))
+        await bench.run(Program.INIT, compare=False)
+        await bench.run(Program.SIG_GEN, compare=False)
+        await bench.fill("X", rng.normal(size=(2, params.N)))
+        await bench.run(Program.PREDICT, compare=False)
+        observations = 1e-3 * rng.normal(size=(2, params.N))
+        largest = BINARY32.max_finite
+        for z, scale in (
+            ([1e15, 0.0], 1.0), ([0.0, 1e30], 1.0), ([-largest, largest], 1.0), ([1e30, 0.0], 1e23),
+            ([0.0, np.inf], 1.0), ([0.0, np.nan], 1.0),
+        ):  # fmt: skip
+            await bench.fill("Z", observations * scale)
+            await bench.fill("z", z)
+            result = await bench.run(Program.UPDATE, state_bank=1)
+            found.append((result.error_code, result.innovation_overflow))
+
+    simulate(params, pipeline, scenario)
+    overflow = (ErrorCode.NOT_FINITE, True)
+    other = (ErrorCode.NOT_FINITE, False)
+    assert found == [(0, False), overflow, overflow, other, other, other]
 
 
 def test_overflow_in_the_lanes_is_stopped():

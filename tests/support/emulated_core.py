@@ -82,7 +82,9 @@ class EmulatedEngine:
         written = before.view(np.uint64) != after.view(np.uint64)
         self.memory[written] = fmt.encode(after)[written]
         nis = None if machine.nis is None else int(fmt.encode(machine.nis))
-        return RunResult(*machine.error, nis, self._code.clocks(program))
+        return RunResult(
+            *machine.error, nis, self._code.clocks(program), machine.innovation_overflow
+        )
 
 
 class UioDevice:

@@ -4,6 +4,7 @@ That is what a program means; schedules, control words and hardware must agree w
 NumPy only, so with :data:`PLAIN` it computes what the core does where there is no golden model.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ukf_sw.engine.operations import Kind
+from ukf_sw.engine.pivots import noise_exponent
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.parameters import Form
 from ukf_sw.spec.registers import ErrorCode
@@ -70,6 +72,8 @@ class Sequential:
         Normalised innovation squared, once it is known.
     error
         Code and index of the first error, which ends execution, or zeros.
+    innovation_overflow
+        Whether it is that the innovation is too large for the format.
     """
 
     def __init__(self, layout, fmt, arithmetic):
@@ -80,6 +84,8 @@ class Sequential:
         self.next = self.current.copy()
         self.nis = None
         self.error = (0, 0)
+        self.innovation_overflow = False
+        self._couplings = [0.0] * layout.params.m
 
     def put(self, vector, values, first=0):
         for k, value in enumerate(values, start=first):
@@ -121,15 +127,32 @@ class Sequential:
     def _check(self, operation, seen, result, lanes, mask):
         """Look for an error as the engine does; gives its code and index, or None."""
         observations = self.layout.params.m
+        if operation.coupling is not None:
+            largest = max(self._couplings[operation.coupling], abs(float(seen)))
+            self._couplings[operation.coupling] = largest
         if operation.pivot is not None:
             row, value = operation.pivot, float(seen)
             if row < observations:
+                if self._is_noise(value, self._couplings[row]):
+                    return int(ErrorCode.SINGULAR_OBSERVATION), row
                 if not value > 0.0 and (mask >> row & 1 or value != 0.0):
                     return int(ErrorCode.SINGULAR_OBSERVATION), row
             elif not (value > 0.0 or (value == 0.0 and self._zero_pivot_is_legal)):
                 return int(ErrorCode.NOT_POSITIVE_DEFINITE), row - observations
-        kept = result if operation.kind.is_scalar else result[lanes]
-        return None if np.isfinite(kept).all() else (int(ErrorCode.NOT_FINITE), 0)
+            if value == np.inf:
+                return int(ErrorCode.NOT_FINITE), 0
+        kept = lanes | operation.kind.is_scalar
+        bad = kept & ~np.isfinite(result)
+        rhs_lane = self.layout.elimination_rhs % self.pes
+        others = bad & ~(operation.innovation & (np.arange(self.pes) == rhs_lane))
+        self.innovation_overflow = bool(bad.any()) and (operation.is_nis or not others.any())
+        return (int(ErrorCode.NOT_FINITE), 0) if bad.any() else None
+
+    def _is_noise(self, pivot, coupling):
+        if not (0.0 < pivot < np.inf and coupling > 0.0):
+            return False
+        smallest = 2 * math.floor(math.log2(coupling)) - noise_exponent(self.layout.params)
+        return math.floor(math.log2(pivot)) < smallest
 
     @property
     def _zero_pivot_is_legal(self):

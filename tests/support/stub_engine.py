@@ -28,7 +28,7 @@ class StubEngine(wiring.Component):
     -------
     stub_duration : :py:`In(16)`
         Clocks from start to done, at least 1.
-    stub_error_code, stub_error_index, stub_nis : :py:`In(...)`
+    stub_error_code, stub_error_index, stub_innovation_overflow, stub_nis : :py:`In(...)`
         Result, sampled on the last clock.
     ...
         As :class:`ukf_hdl.core.engine.Engine`.
@@ -39,14 +39,15 @@ class StubEngine(wiring.Component):
         width = params.format.width
         self._bytes = -(-width // 8)
         super().__init__({
-            "run":              In(RunSignature(params)),
-            "busy":             Out(1),
-            "banks":            In(EstimateSignature()),
-            "memory":           In(MemorySignature(params, self.layout.address_width)),
-            "stub_duration":    In(16, init=1),
-            "stub_error_code":  In(8),
-            "stub_error_index": In(8),
-            "stub_nis":         In(width),
+            "run":                      In(RunSignature(params)),
+            "busy":                     Out(1),
+            "banks":                    In(EstimateSignature()),
+            "memory":                   In(MemorySignature(params, self.layout.address_width)),
+            "stub_duration":            In(16, init=1),
+            "stub_error_code":          In(8),
+            "stub_error_index":         In(8),
+            "stub_innovation_overflow": In(1),
+            "stub_nis":                 In(width),
         })  # fmt: skip
         depth = params.pes << self.layout.address_width
         self.words = memory.Memory(shape=8 * self._bytes, depth=depth, init=[])
@@ -83,6 +84,7 @@ class StubEngine(wiring.Component):
             m.d.comb += [
                 self.run.error_code.eq(self.stub_error_code),
                 self.run.error_index.eq(self.stub_error_index),
+                self.run.innovation_overflow.eq(self.stub_innovation_overflow),
                 self.run.nis.eq(self.stub_nis),
             ]
         return m

@@ -28,6 +28,8 @@ from ukf_sw.spec.registers import (
     REGISTERS,
     SIZES,
     STATUS,
+    W0_HIGH,
+    W0_LOW,
     ErrorCode,
     Register,
 )
@@ -49,12 +51,13 @@ class FakeEngine(Interpreter):
         super().__init__(params)
         self.ran = []
         self.error = (0, 0)
+        self.innovation_overflow = False
         self.nis = 0
 
     def run(self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
         self.ran.append((program, mask, state_bank, factor_bank, stop_after))
         nis = self.nis if program in (Program.UPDATE, Program.UPDATE_REDRAWN) else None
-        return RunResult(*self.error, nis, CLOCKS)
+        return RunResult(*self.error, nis, CLOCKS, self.innovation_overflow)
 
 
 @pytest.fixture
@@ -108,17 +111,19 @@ def follow(core, *steps: Step) -> None:
 def test_registers_after_power_up(number_format):
     params = UkfParams(
         n=3, m=2, q=3, r=1, pes=4, format=number_format, form=Form.COVARIANCE,
-        process_noise=Noise.ADDITIVE,
+        process_noise=Noise.ADDITIVE, W0=0.1,
     )  # fmt: skip
     core = GoldenCore(params)
     expected = dict.fromkeys(REGISTERS, 0)
     expected |= {
-        ID: 0x554B_0002,
+        ID: 0x554B_0003,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
         MASK: 0xFFFF_FFFF,
         GATE_LOW: number_format.infinity & 0xFFFF_FFFF,
         GATE_HIGH: number_format.infinity >> 32,
+        W0_LOW: 0x9999_999A,
+        W0_HIGH: 0x3FB9_9999,
     }  # fmt: skip
     assert {register: read(core, register) for register in REGISTERS} == expected
 
@@ -159,7 +164,7 @@ def test_a_start_bit_acts_only_when_its_byte_is_strobed(core):
 
 @pytest.mark.parametrize("offset", range(4))
 def test_low_address_bits_do_not_matter(core, offset):
-    assert core.read(ID.offset + offset) == (0x554B_0002, True)
+    assert core.read(ID.offset + offset) == (0x554B_0003, True)
 
 
 def test_unmapped_addresses_are_refused(core):
@@ -314,6 +319,25 @@ def test_gate(before, number_format):
     core.engine.nis = gate
     follow(core, Step.UPDATE)
     assert flags(core) == {"INITIALISED": 1, "POINTS": 1}
+
+
+@pytest.mark.parametrize("number_format", [BINARY16, BINARY32, BINARY64])
+def test_an_innovation_too_large_for_the_format_is_above_every_gate_that_is_not_off(number_format):
+    params = UkfParams(n=2, m=1, format=number_format)
+    core = GoldenCore(params, engine=FakeEngine(params))
+    follow(core, *BEFORE["predicted"])
+    core.engine.error = (int(ErrorCode.NOT_FINITE), 0)
+    core.engine.innovation_overflow = True
+    assert start(core, Step.UPDATE) == (ErrorCode.NOT_FINITE, 0)
+    assert "GATED" not in flags(core)
+    highest = number_format.infinity - 1
+    core.write(GATE_LOW.offset, highest & 0xFFFF_FFFF)
+    core.write(GATE_HIGH.offset, highest >> 32)
+    core.write(INTERRUPT_PENDING.offset, 0b11)
+    assert start(core, Step.UPDATE) == (0, 0)
+    assert flags(core) == {"INITIALISED": 1, "RESIDUALS": 1, "GATED": 1}
+    assert read(core, NIS_LOW) | read(core, NIS_HIGH) << 32 == number_format.infinity
+    assert read(core, INTERRUPT_PENDING) == 0b01
 
 
 def test_gated_is_cleared_by_the_next_update_even_if_it_fails(core):

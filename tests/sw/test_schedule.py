@@ -209,9 +209,9 @@ def test_control_words_reject_values_that_do_not_fit():
     )
     with pytest.raises(ValueError, match=r"^scalar_address must fit 2 bits, not 4$"):
         control.encode({"scalar_address": 4})
-    words = [control.encode({"address_0": 9, "pivot": 4, "last": 1})]
+    words = [control.encode({"address_0": 9, "row": 4, "last": 1})]
     fields = control.decode(words)
-    assert (fields["address_0"][0], fields["pivot"][0], fields["last"][0]) == (9, 4, 1)
+    assert (fields["address_0"][0], fields["row"][0], fields["last"][0]) == (9, 4, 1)
 
 
 @pytest.mark.parametrize("seed", range(8))

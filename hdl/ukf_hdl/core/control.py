@@ -303,9 +303,12 @@ class Control(wiring.Component):
         # End.
         end = Signal()
         failed = Signal()
+        gate = self._gate(fields)
+        # An innovation too large for the format is above every gate.
+        overflow = self.run.innovation_overflow & gate.is_finite
         m.d.comb += [
             end.eq(self.busy & self.run.done & ~reset),
-            failed.eq(self.run.error_code != ErrorCode.NONE),
+            failed.eq((self.run.error_code != ErrorCode.NONE) & ~overflow),
             step_done.eq(end | (launch & way.at_once)),
             error_recorded.eq((end & failed) | refuse),
         ]
@@ -320,7 +323,7 @@ class Control(wiring.Component):
                     error_code.eq(self.run.error_code),
                     error_index.eq(self.run.error_index),
                 ]
-            self._elaborate_ending(m, fields, failed, flags, gated, nis)
+            self._elaborate_ending(m, gate, failed, flags, gated, nis)
 
         # Reset.
         with m.If(reset):
@@ -438,14 +441,21 @@ class Control(wiring.Component):
                             ]
         return way
 
-    def _elaborate_ending(self, m, fields, failed, flags, gated, nis):
+    def _gate(self, fields):
+        """The gate as a number."""
+        words = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
+        return FloatLayout(self._params.format)(words[: self._params.format.width])
+
+    def _elaborate_ending(self, m, gate, failed, flags, gated, nis):
         """What the end of a program does to the flags and banks, as in the table."""
-        number = FloatLayout(self._params.format)
-        gate = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
-        gate = number(gate[: self._params.format.width])
+        fmt = self._params.format
+        found = FloatLayout(fmt)(Signal(fmt.width, name="found"))
         above_gate = Signal()
-        # Magnitudes of floating-point numbers compare as integers.
-        m.d.comb += above_gate.eq(number(self.run.nis).magnitude > gate.magnitude)
+        m.d.comb += [
+            Value.cast(found).eq(Mux(self.run.innovation_overflow, fmt.infinity, self.run.nis)),
+            # Magnitudes of floating-point numbers compare as integers.
+            above_gate.eq(found.magnitude > gate.magnitude),
+        ]
 
         def change(effect):
             for value, chosen in ((0, effect.clears), (1, effect.sets)):
@@ -462,7 +472,7 @@ class Control(wiring.Component):
                         rejected = failed | above_gate
                         m.d.sync += gated.eq(~failed & above_gate)
                         with m.If(~failed):
-                            m.d.sync += nis.eq(self.run.nis)
+                            m.d.sync += nis.eq(found)
                     with m.If(rejected):
                         change(ending.failure)
                     with m.Else():

@@ -15,6 +15,7 @@ from ukf_hdl.core.signatures import EstimateSignature, MemorySignature, RunSigna
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.control_word import STEERING, BusSource
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.pivots import noise_exponent
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
@@ -94,7 +95,8 @@ class Engine(wiring.Component):
         # From the lanes to the scalar bus, and to what may be written.
         loaded = self._elaborate_load(m, word, lanes)
         bus = self._elaborate_bus(m, word, loaded, lanes[-1].sum)
-        passed = self._elaborate_checks(m, word, bus, lanes)
+        noise = self._elaborate_noise(m, word, bus)
+        passed = self._elaborate_checks(m, word, bus, noise, lanes)
 
         # And back to the lanes.
         scalar = self._elaborate_scalar_file(m, word, bus, passed)
@@ -181,32 +183,86 @@ class Engine(wiring.Component):
             m.d.comb += value.eq(source)
         return bus
 
-    def _elaborate_checks(self, m, word, bus, lanes):
+    def _elaborate_noise(self, m, word, bus):
+        """Below which exponent a pivot of the observation on the bus is rounding noise.
+
+        For every observation row a small memory holds that of its largest coupling so far, once
+        there is one.
+        """
+        params = self._params
+        if params.m == 1:
+            return Const(0)
+        exponent = bus.source.exponent
+        limit = Signal(params.format.exponent_bits + 1)
+        margin = params.format.bias + noise_exponent(params)
+        with m.If(exponent.shift_left(1) > margin):
+            m.d.comb += limit.eq(exponent.shift_left(1) - margin)
+
+        m.submodules.limits = limits = Memory(
+            shape=limit.shape(), depth=max(params.m + 1, 2), init=[]
+        )
+        read, write = limits.read_port(domain="comb"), limits.write_port()
+        seen = Signal(params.m + 1)
+        is_seen = seen.bit_select(word.row, 1)
+        is_coupling = (word.row != 0) & word.coupling
+        m.d.comb += [
+            read.addr.eq(word.row),
+            write.addr.eq(word.row),
+            write.data.eq(limit),
+            write.en.eq(is_coupling & (~is_seen | (limit > read.data))),
+        ]
+        with m.If(self.run.start):
+            m.d.sync += seen.eq(0)
+        with m.Elif(is_coupling):
+            m.d.sync += seen.bit_select(word.row, 1).eq(1)
+        return Mux(is_seen, read.data, 0)
+
+    def _elaborate_checks(self, m, word, bus, noise, lanes):
         """The first error, the NIS, and whether what this word writes may be written."""
         run, rows = self.run, self._params.m
         written = self._lane_set(word.write_lanes)
-        not_finite = Signal()
-        m.d.comb += not_finite.eq(
-            word.write & Cat(~lane.is_finite for lane in lanes).__and__(written).any()
-            | word.scalar_write & ~bus.value.is_finite
-        )
+        bad_lanes = Signal(self._params.pes)
+        bad_scalar = Signal()
+        m.d.comb += [
+            bad_lanes.eq(Mux(word.write, ~Cat(lane.is_finite for lane in lanes) & written, 0)),
+            bad_scalar.eq(word.scalar_write & ~bus.value.is_finite),
+        ]
 
         # A pivot: what is on the bus before any mask.
         pivot = bus.source
+        is_pivot = (word.row != 0) & ~word.coupling
         is_positive = ~pivot.sign & ~pivot.is_zero & ~pivot.is_nan
-        row = (word.pivot - 1)[: len(word.pivot)]
-        is_observation = word.pivot <= rows
-        in_use = Cat(1, run.observation_mask).bit_select(word.pivot, 1)
+        row = (word.row - 1)[: len(word.row)]
+        is_observation = word.row <= rows
+        in_use = Cat(1, run.observation_mask).bit_select(word.row, 1)
         square_root = Const(self._params.form is Form.SQUARE_ROOT, 1)
         zero_is_legal = Mux(is_observation, ~in_use, square_root)
+        is_noise = is_observation & ~pivot.is_zero & (pivot.exponent < noise)
         bad_pivot = Signal()
-        m.d.comb += bad_pivot.eq((word.pivot != 0) & ~(is_positive | pivot.is_zero & zero_is_legal))
+        m.d.comb += bad_pivot.eq(
+            is_pivot & (~(is_positive | pivot.is_zero & zero_is_legal) | is_noise)
+        )
+
+        # What is not finite, and what of it does not come of a large innovation.
+        innovation_lane = 1 << self.layout.elimination_rhs % self._params.pes
+        of_innovation = Mux(word.innovation, innovation_lane, 0)
+        bad_root = is_pivot & ~pivot.is_finite
+        not_finite = Signal()
+        other = Signal()
+        m.d.comb += [
+            not_finite.eq(bad_lanes.any() | bad_scalar | bad_root),
+            other.eq((bad_lanes & ~of_innovation).any() | (bad_scalar & ~word.nis) | bad_root),
+        ]
 
         failed = run.error_code != ErrorCode.NONE
         passed = Signal()
         m.d.comb += passed.eq(~failed & ~bad_pivot & ~not_finite)
         with m.If(run.start):
-            m.d.sync += [run.error_code.eq(ErrorCode.NONE), run.error_index.eq(0)]
+            m.d.sync += [
+                run.error_code.eq(ErrorCode.NONE),
+                run.error_index.eq(0),
+                run.innovation_overflow.eq(0),
+            ]
         with m.Elif(~failed):
             with m.If(bad_pivot & is_observation):
                 m.d.sync += [
@@ -219,7 +275,10 @@ class Engine(wiring.Component):
                     run.error_index.eq(row - rows),
                 ]
             with m.Elif(not_finite):
-                m.d.sync += run.error_code.eq(ErrorCode.NOT_FINITE)
+                m.d.sync += [
+                    run.error_code.eq(ErrorCode.NOT_FINITE),
+                    run.innovation_overflow.eq(~other),
+                ]
         with m.If(passed & word.nis):
             m.d.sync += run.nis.eq(bus.value)
         return passed

@@ -30,20 +30,23 @@ class RunSignature(wiring.Signature):
         High on the last clock of the program.
     error_code, error_index : :py:`In(8)`
         First error of the program, as in the register ERROR; valid with :py:`done`.
+    innovation_overflow : :py:`In(1)`
+        That error is an innovation too large for the format; valid with :py:`done`.
     nis : :py:`In(params.format.width)`
         Normalised innovation squared of the last update that reached it; valid with :py:`done`.
     """
 
     def __init__(self, params):
         super().__init__({
-            "start":            Out(1),
-            "program":          Out(Program),
-            "stop":             Out(1),
-            "observation_mask": Out(params.m),
-            "done":             In(1),
-            "error_code":       In(8),
-            "error_index":      In(8),
-            "nis":              In(params.format.width),
+            "start":               Out(1),
+            "program":             Out(Program),
+            "stop":                Out(1),
+            "observation_mask":    Out(params.m),
+            "done":                In(1),
+            "error_code":          In(8),
+            "error_index":         In(8),
+            "innovation_overflow": In(1),
+            "nis":                 In(params.format.width),
         })  # fmt: skip
 
 

@@ -79,7 +79,7 @@ WRITE = Half(
     fields=(
         "write", "write_address", "write_bank_state", "write_bank_factor", "write_lanes",
         "write_bus", "bus_source", "scalar_write", "scalar_write_address", "lanes_observation",
-        "bus_observation", "pivot", "nis", "last",
+        "bus_observation", "row", "coupling", "innovation", "nis", "last",
     ),
     counting=("write_address",),
     once=(),
@@ -126,10 +126,13 @@ class ControlFormat:
         ``lanes_observation``, ``bus_observation``
             1 + the observation whose mask clears the results of the lanes, or what is on the
             scalar bus; 0 if none.
-        ``pivot``
-            1 + the row whose pivot is on the scalar bus, or 0.
+        ``row``, ``coupling``
+            1 + the row of the elimination whose pivot is on the scalar bus, or which the element
+            there couples to a row before it; 0 if neither.
+        ``innovation``
+            The lanes write the right-hand side of an update's elimination.
         ``nis``
-            The scalar bus is the normalised innovation squared.
+            The scalar bus is the normalised innovation squared, or on the way to it; the last wins.
         ``last``
             The program ends.
     width : int
@@ -151,7 +154,7 @@ class ControlFormat:
             "address_0": address_width, "address_1": address_width, "write_address": address_width,
             "scalar_address": scalar_width, "scalar_write_address": scalar_width,
             "select": max(lanes_width, (pes - 1).bit_length()), "write_lanes": lanes_width,
-            "bus_source": 2, "pivot": rows.bit_length(),
+            "bus_source": 2, "row": rows.bit_length(),
             "lanes_observation": observations.bit_length(),
             "bus_observation": observations.bit_length(), **STEERING,
         }  # fmt: skip

@@ -4,6 +4,7 @@ It knows what a word does, not what the program meant. Its results arrive with t
 the hardware, so a wrong schedule gives wrong numbers here as well.
 """
 
+from math import frexp
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from ukf_sw.engine.arithmetic import (
 from ukf_sw.engine.control_word import READ, WRITE, BusSource
 from ukf_sw.engine.kernel_cache import compiled
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.pivots import noise_exponent
 from ukf_sw.engine.programs import RunResult
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
@@ -48,6 +50,8 @@ class _Array(NamedTuple):
     bank_offset: int
     observations: int
     zero_pivot_is_legal: bool
+    noise_exponent: int
+    rhs_lane: int
 
 
 class _State(NamedTuple):
@@ -59,6 +63,7 @@ class _State(NamedTuple):
     has_nis: bool
     clocks: int
     conflict: bool
+    innovation_overflow: bool
 
 
 _BUS_LOAD = int(BusSource.LOAD)
@@ -91,6 +96,14 @@ def _sum_lanes(terms: NDArray[np.float64], count: int, parameters: ScalarParamet
     return terms[0]
 
 
+@njit
+def _is_noise(pivot: float, coupling: float, noise_exponent: int) -> bool:
+    """Whether a pivot is rounding noise beside the largest element that led to it."""
+    if not (0.0 < pivot < np.inf and coupling > 0.0):
+        return False
+    return frexp(pivot)[1] - 1 < 2 * (frexp(coupling)[1] - 1) - noise_exponent
+
+
 @compiled
 def _execute(
     words: NDArray[np.void],
@@ -105,7 +118,7 @@ def _execute(
     factor_bank: int,
     parameters: ScalarParameters,
     table: NDArray[np.int64],
-) -> tuple[int, int, int, bool, int, bool]:
+) -> tuple[int, int, int, bool, int, bool, bool]:
     """Execute words from `entry` on until the last one, or for `stop_after` clocks."""
     pes = array.pes
     lanes_ring = np.zeros((_RING, pes))
@@ -119,6 +132,8 @@ def _execute(
     nis = 0
     has_nis = False
     conflict = False
+    innovation_overflow = False
+    couplings = np.zeros(array.observations)  # largest of every observation row
     clock = 0
     while stop_after < 0 or clock < stop_after:
         word = words[entry + clock]
@@ -182,25 +197,36 @@ def _execute(
         lanes_masked = _is_masked(word["lanes_observation"], mask)
         lanes = lane_sets[word["write_lanes"]]
         if error_code == 0:
-            if word["pivot"] > 0:
-                row = word["pivot"] - 1
-                observed = row < array.observations
-                if observed and not bus > 0.0:
-                    if (mask >> row) & 1 or bus != 0.0:
+            finite = True
+            of_innovation = True
+            if word["row"] > 0 and word["coupling"]:
+                row = word["row"] - 1
+                couplings[row] = max(couplings[row], abs(bus))
+            elif word["row"] > 0:
+                row = word["row"] - 1
+                finite = bus < np.inf
+                if row < array.observations:
+                    is_noise = _is_noise(bus, couplings[row], array.noise_exponent)
+                    if (not bus > 0.0 and (bus != 0.0 or (mask >> row) & 1)) or is_noise:
                         error_code = _SINGULAR
                         error_index = row
-                elif not observed and not (bus > 0.0 or (bus == 0.0 and array.zero_pivot_is_legal)):
+                elif not (bus > 0.0 or (bus == 0.0 and array.zero_pivot_is_legal)):
                     error_code = _NOT_POSITIVE
                     error_index = row - array.observations
-            finite = True
+                of_innovation &= finite
             if word["scalar_write"] or (word["write"] and word["write_bus"]):
-                finite = bus_masked or abs(bus) < np.inf
+                good = bus_masked or abs(bus) < np.inf
+                of_innovation &= good or word["nis"] != 0
+                finite &= good
             if word["write"] and not word["write_bus"] and not lanes_masked:
                 for lane in range(pes):
                     if lanes[lane]:
-                        finite &= abs(lanes_ring[clock % _RING, lane]) < np.inf
+                        good = abs(lanes_ring[clock % _RING, lane]) < np.inf
+                        of_innovation &= good or (word["innovation"] and lane == array.rhs_lane)
+                        finite &= good
             if error_code == 0 and not finite:
                 error_code = _NOT_FINITE
+                innovation_overflow = of_innovation
         if error_code == 0:
             bus_word = 0
             if not bus_masked:
@@ -234,7 +260,7 @@ def _execute(
         if word["last"]:
             break
     # Plain values: to make an object of a class here would call Python, which an interrupt breaks.
-    return error_code, error_index, nis, has_nis, clock, conflict
+    return error_code, error_index, nis, has_nis, clock, conflict, innovation_overflow
 
 
 class Interpreter:
@@ -277,6 +303,8 @@ class Interpreter:
             bank_offset=self.layout.bank_offset,
             observations=params.m,
             zero_pivot_is_legal=params.form is Form.SQUARE_ROOT,
+            noise_exponent=noise_exponent(params),
+            rhs_lane=self.layout.elimination_rhs % params.pes,
         )
         self._parameters = scalar_parameters(params.format)
         self._table = reciprocal_sqrt_table(params.format)
@@ -323,4 +351,5 @@ class Interpreter:
             error_index=state.error_index,
             nis=state.nis & (1 << self.params.format.width) - 1 if state.has_nis else None,
             clocks=self.microcode.clocks(program),
+            innovation_overflow=state.innovation_overflow,
         )

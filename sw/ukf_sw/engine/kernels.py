@@ -123,6 +123,7 @@ def trisolve(
     gram_schmidt: bool,
     factor: Callable[[int, int], tuple[Vector, int] | None],
     pivot_offset: int = 0,
+    innovation: int | None = None,
 ) -> dict[tuple[int, int], Scalar]:
     """Triangular factorisation by elimination, pivot by pivot; right-hand sides go along.
 
@@ -152,6 +153,8 @@ def trisolve(
         Where to store L_ij, or None.
     pivot_offset
         Number of rows that come before row 0, for the report of a bad pivot.
+    innovation
+        Column of the right-hand side, where the pivots are observations; else None.
 
     Returns
     -------
@@ -159,7 +162,9 @@ def trisolve(
         L_ij by (i, j), the diagonal included where it is stored.
     """
     L: dict[tuple[int, int], Scalar] = {}
-    every_lane = (1 << builder.layout.params.pes) - 1
+    pes = builder.layout.params.pes
+    every_lane = (1 << pes) - 1
+    innovation_beat = None if innovation is None else innovation // pes
     for j in range(first, last):
         dots, changed = pivots(j)
         others = range(j + 1, len(rows))
@@ -169,7 +174,6 @@ def trisolve(
             )
             t = {i: builder.dot(inner(builder, rows[i], rows[j], dots)) for i in others}
         else:
-            pes = builder.layout.params.pes
             d = builder.load_pivot(
                 rows[j].vector(j // pes), j, pivot=j + pivot_offset, root=roots[j]
             )
@@ -177,14 +181,20 @@ def trisolve(
         if others:
             for beat, changing in builder.lanes_by_beat(changed).items():
                 target, source, lanes = rows[j].change(beat, changing, every_lane)
-                builder.multiply_beat(target, source, roots[j].word(0), lanes)
+                builder.multiply_beat(
+                    target, source, roots[j].word(0), lanes, innovation=beat == innovation_beat
+                )
         for i in others:
-            L[i, j] = builder.scale(t[i], roots[j], store=factor(i, j))
+            coupling = i if innovation is not None and i < last else None
+            L[i, j] = builder.scale(t[i], roots[j], store=factor(i, j), coupling=coupling)
             kept = changed if gram_schmidt else [(max(a, i), b) for a, b in changed]
             for beat, changing in builder.lanes_by_beat(kept).items():
                 q = rows[j].word(beat)
                 target, source, lanes = rows[i].change(beat, changing, every_lane)
-                builder.axpy_beat(target, source, L[i, j], q, lanes, subtract=True)
+                builder.axpy_beat(
+                    target, source, L[i, j], q, lanes, subtract=True,
+                    innovation=beat == innovation_beat,
+                )  # fmt: skip
         if (store := factor(j, j)) is not None:
             L[j, j] = builder.scale(d, roots[j], store=store)
     return L

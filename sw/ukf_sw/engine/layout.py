@@ -94,6 +94,8 @@ class Layout:
         self.columns = self.rhs + 1 + p.additive_q
         #: Column of the right-hand side in a row of the joint covariance.
         self.joint_rhs = p.m + p.n
+        #: Column of the right-hand side in the rows that an update eliminates.
+        self.elimination_rhs = self.rhs if p.form is Form.SQUARE_ROOT else self.joint_rhs
         self.address_width = 1
         while not self._place():
             self.address_width += 1

@@ -201,8 +201,10 @@ class Microcode:
         if operation.kind.route is Route.PORT:
             values["bus_source"] = BusSource.LOAD
         if operation.pivot is not None:
-            values["pivot"] = 1 + operation.pivot
-        values["nis"] = operation.is_nis
+            values["row"] = 1 + operation.pivot
+        if operation.coupling is not None:
+            values |= {"row": 1 + operation.coupling, "coupling": 1}
+        values |= {"innovation": operation.innovation, "nis": operation.is_nis}
         words[clock] |= self.format.encode(values)
         if operation.root is not None:
             root = {

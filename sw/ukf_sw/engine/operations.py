@@ -111,8 +111,13 @@ class Operation:
         Observation that gates the result: zero is written if it is masked.
     pivot
         Row of the elimination whose pivot the result is.
+    coupling
+        Observation row that the result couples to one before it: an element of the factor of S.
+    innovation
+        Whether the lanes write the right-hand side of an update's elimination: what is not finite
+        there comes of a large innovation.
     is_nis
-        Whether the result is the normalised innovation squared.
+        Whether the result is the normalised innovation squared, or on the way to it.
     """
 
     kind: Kind
@@ -125,6 +130,8 @@ class Operation:
     root: Word | None = None
     observation: int | None = None
     pivot: int | None = None
+    coupling: int | None = None
+    innovation: bool = False
     is_nis: bool = False
 
 
@@ -164,12 +171,13 @@ class ProgramBuilder:
         lanes: int,
         *,
         observation: int | None = None,
+        innovation: bool = False,
     ) -> None:
         """Destination = a * b, in the given lanes of one beat."""
         self.operations.append(
             Operation(
                 kind=Kind.MULTIPLY, beats=(Beat(a, b, lanes),), destination=destination,
-                lanes=lanes, observation=observation,
+                lanes=lanes, observation=observation, innovation=innovation,
             )
         )  # fmt: skip
 
@@ -200,12 +208,14 @@ class ProgramBuilder:
         *,
         subtract: bool = False,
         observation: int | None = None,
+        innovation: bool = False,
     ) -> None:
         """Destination = c + s * b, or c - s * b, in the given lanes of one beat."""
         self.operations.append(
             Operation(
                 kind=Kind.AXPY, beats=(Beat(c, b, lanes),), scalar=s, subtract=subtract,
                 destination=destination, lanes=lanes, observation=observation,
+                innovation=innovation,
             )
         )  # fmt: skip
 
@@ -234,12 +244,13 @@ class ProgramBuilder:
         *,
         subtract: bool = False,
         store: tuple[Vector, int] | None = None,
+        coupling: int | None = None,
         is_nis: bool = False,
     ) -> Scalar:
         """Give s * b or -s * b of a word that is the same in all lanes; `store`: element too."""
         return self._to_scalar(
             Kind.SCALE, (Beat(None, b.word(0), 1 << (self._pes - 1)),), scalar=s,
-            subtract=subtract, store=store, is_nis=is_nis,
+            subtract=subtract, store=store, coupling=coupling, is_nis=is_nis,
         )  # fmt: skip
 
     def load(self, a: Vector, column: int, *, store: tuple[Vector, int] | None = None) -> Scalar:
@@ -261,12 +272,13 @@ class ProgramBuilder:
         observation: int | None = None,
         pivot: int | None = None,
         root: Vector | None = None,
+        is_nis: bool = False,
     ) -> Scalar:
         """Give the sum over beats, each of two words and the lanes that count."""
         beats = tuple(Beat(a, b, lanes) for a, b, lanes in pairs)
         return self._to_scalar(
             Kind.DOT, beats, store=store, observation=observation, pivot=pivot,
-            root=root.word(0) if root else None,
+            root=root.word(0) if root else None, is_nis=is_nis,
         )  # fmt: skip
 
     def _to_scalar(
@@ -280,6 +292,7 @@ class ProgramBuilder:
         observation: int | None = None,
         pivot: int | None = None,
         root: Word | None = None,
+        coupling: int | None = None,
         is_nis: bool = False,
     ) -> Scalar:
         result = self._scalar()
@@ -291,7 +304,7 @@ class ProgramBuilder:
             Operation(
                 kind=kind, beats=beats, scalar=scalar, subtract=subtract, result=result,
                 destination=destination, lanes=lanes, observation=observation, pivot=pivot,
-                root=root, is_nis=is_nis,
+                root=root, coupling=coupling, is_nis=is_nis,
             )
         )  # fmt: skip
         return result

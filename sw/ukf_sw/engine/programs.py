@@ -31,12 +31,15 @@ class RunResult(NamedTuple):
         Word of the normalised innovation squared, or None if the program gives none.
     clocks
         Clocks from the start of the step to its end.
+    innovation_overflow
+        Whether the first error is that the innovation is too large for the format.
     """
 
     error_code: int
     error_index: int
     nis: int | None
     clocks: int
+    innovation_overflow: bool = False
 
 
 class _Columns:
@@ -201,8 +204,6 @@ def _update(b: ProgramBuilder) -> None:
         rows = [Row(row, row) for row in layout.Ez] + [
             Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)
         ]
-        rhs = layout.rhs
-
         pivots = _residual_columns(layout)
     else:
         z = [Row(row, row) for row in layout.Ez]
@@ -213,16 +214,18 @@ def _update(b: ProgramBuilder) -> None:
             for k in range(n):
                 gram(b, z[i], x[k], columns.sigma, (layout.Az[i], m + k))
             b.load(layout.Ez[i], layout.rhs, store=(layout.Az[i], layout.joint_rhs))
-        rows, pivots, rhs = _joint_rows(layout), _joint_columns(layout), layout.joint_rhs
+        rows, pivots = _joint_rows(layout), _joint_columns(layout)
 
+    rhs = layout.elimination_rhs
     gram_schmidt = p.form is Form.SQUARE_ROOT
     store = _store_factor(layout, m)
     trisolve(
-        b, rows, layout.roots, 0, m, pivots=pivots, gram_schmidt=gram_schmidt, factor=_no_factor
-    )
+        b, rows, layout.roots, 0, m, pivots=pivots, gram_schmidt=gram_schmidt, factor=_no_factor,
+        innovation=rhs,
+    )  # fmt: skip
     # The right-hand sides are y in the observation rows and minus the new state in the others.
     beat, lane = divmod(rhs, p.pes)
-    nis = b.dot([(row.word(beat), row.word(beat), 1 << lane) for row in rows[:m]])
+    nis = b.dot([(row.word(beat), row.word(beat), 1 << lane) for row in rows[:m]], is_nis=True)
     b.scale(nis, layout.inverse_weight, is_nis=True)
     state: list[tuple[Scalar, bool]] = []
     for i in range(n):

@@ -39,7 +39,6 @@ from ukf_sw.spec.sequence import (
     NO_FLAG,
     STEPS,
     Bank,
-    Ending,
     Flag,
     Program,
     Step,
@@ -411,20 +410,22 @@ class GoldenCore:
         self._cycles = result.clocks
         self._done |= self._done_bit(step)
         self._signal("DONE")
-        if result.error_code:
+        magnitude = (1 << (self.params.format.width - 1)) - 1
+        gate = (self._words[GATE_LOW] | self._words[GATE_HIGH] << 32) & magnitude
+        infinity = self.params.format.infinity
+        # An innovation too large for the format is above every gate.
+        rejected = failed = bool(result.error_code) and not (
+            result.innovation_overflow and gate < infinity
+        )
+        if failed:
             self._error_code, self._error_index = result.error_code, result.error_index
             self._signal("ERROR")
-        self._end(ENDINGS[program], result)
-
-    def _end(self, ending: Ending, result: RunResult) -> None:
-        """Commit what a program has done, or not."""
-        rejected = bool(result.error_code)
-        if ending.gives_nis and not rejected:
-            assert result.nis is not None
-            self._nis = result.nis
-            magnitude = (1 << (self.params.format.width - 1)) - 1
-            gate = self._words[GATE_LOW] | self._words[GATE_HIGH] << 32
-            self._gated = rejected = (self._nis & magnitude) > (gate & magnitude)
+        ending = ENDINGS[program]
+        if ending.gives_nis and not failed:
+            nis = infinity if result.innovation_overflow else result.nis
+            assert nis is not None
+            self._nis = nis
+            self._gated = rejected = (self._nis & magnitude) > gate
         change = ending.failure if rejected else ending.success
         self.flags = self.flags & ~change.clears | change.sets
         self.banks ^= change.turns

@@ -98,6 +98,12 @@ class UkfParams:
         check_parameters(self)
         if not 0.0 <= self.W0 < 1.0:
             raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")
+        smallest = self.format.min_normal
+        if smallest > self.W1:
+            raise ValueError(
+                f"W0 must leave each other sigma point a weight of at least {smallest!r}, the "
+                f"smallest in {self.format.name}, not {self.W0!r}"
+            )
         if self.process_noise is Noise.ADDITIVE and self.q not in (0, self.n):
             raise ValueError(f"q must be 0 or n = {self.n} for additive noise, not {self.q!r}")
         if self.observation_noise is Noise.ADDITIVE and self.r not in (0, self.m):
@@ -136,6 +142,11 @@ class UkfParams:
     def N(self) -> int:
         """Number of sigma points."""
         return self.M + 2
+
+    @property
+    def W1(self) -> float:
+        """Weight of every sigma point but point 0 (2018, equation 5)."""
+        return (1.0 - self.W0) / (self.M + 1)
 
     @property
     def columns(self) -> int:

@@ -1,5 +1,6 @@
 """Register map of the core: the one description that hardware, driver, header and docs share."""
 
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -10,12 +11,12 @@ from ukf_sw.spec.sequence import STEPS
 __all__ = [
     "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID", "IDENTITY",
     "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
-    "SIZES", "STATUS", "VERSION", "Access", "ErrorCode", "Field", "Register",
+    "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field", "Register",
 ]  # fmt: skip
 
 DATA_WIDTH = 32
 MAGIC = 0x554B  #: "UK"
-VERSION = 2  #: Revision of this map.
+VERSION = 3  #: Revision of this map.
 
 
 class ErrorCode(IntEnum):
@@ -276,7 +277,8 @@ NIS_LOW = _word(
 NIS_HIGH = _word("NIS_HIGH", 0x2C, Access.RO, "Its upper half, for formats of 64 bits.")
 GATE_LOW = _word(
     "GATE_LOW", 0x30, Access.RW,
-    "UPDATE is rejected when NIS exceeds this number; infinity, the reset value, is off.",
+    "UPDATE is rejected when NIS exceeds this number, or the format while z is finite; infinity, "
+    "the reset value, is off.",
     of=lambda p: p.format.infinity & 0xFFFF_FFFF,
 )  # fmt: skip
 GATE_HIGH = _word(
@@ -284,9 +286,27 @@ GATE_HIGH = _word(
     of=lambda p: p.format.infinity >> 32,
 )  # fmt: skip
 
+
+def _identifying_word(name: str, offset: int, doc: str, of: Callable[[UkfParams], int]) -> Register:
+    """A register that is one number, which identifies the core; its field has its name."""
+    field = Field(name=name, lsb=0, width=32, access=Access.RO, of=of, doc=doc)
+    return Register(name=name, offset=offset, doc=doc, fields=(field,))
+
+
+def _bits_of(number: float) -> int:
+    """Bits of a binary64 number."""
+    return int.from_bytes(struct.pack("<d", number), "little")
+
+
+W0_LOW = _identifying_word(
+    "W0_LOW", 0x38, "Weight of sigma point 0, a binary64 number whatever the format is.",
+    lambda p: _bits_of(p.W0) & 0xFFFF_FFFF,
+)  # fmt: skip
+W0_HIGH = _identifying_word("W0_HIGH", 0x3C, "Its upper half.", lambda p: _bits_of(p.W0) >> 32)
+
 REGISTERS = (
     ID, SIZES, CONFIG, CONTROL, STATUS, ERROR, INTERRUPT_ENABLE, INTERRUPT_PENDING, CYCLES, MASK,
-    NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH,
+    NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH, W0_LOW, W0_HIGH,
 )  # fmt: skip
 #: Registers that say which core this is; they never change.
 IDENTITY = tuple(register for register in REGISTERS if register.is_fixed)

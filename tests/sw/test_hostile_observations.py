@@ -1,0 +1,101 @@
+"""Observations that a filter must refuse: rows that depend on others, and values far from sense."""
+
+import numpy as np
+import pytest
+
+from ukf_sw.backends import make_backend
+from ukf_sw.errors import NotFiniteError, SingularObservationError
+from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+
+CORES = [
+    pytest.param("reference", {}, id="reference"),
+    *(
+        pytest.param("golden", {"form": form, "pes": pes, "format": number_format},
+                     id=f"golden-{form.value}-{pes}-{number_format.name}")
+        for form in Form for pes in (1, 2, 4) for number_format in (BINARY32, BINARY64)
+    ),
+]  # fmt: skip
+
+
+def observing(H, backend, core, *, P0, R=None):
+    """A filter of a state that stays, observed through a matrix with additive noise."""
+    m, n = H.shape
+    params = UkfParams(n=n, m=m, r=0 if R is None else m, observation_noise=Noise.ADDITIVE, **core)
+    return UnscentedKalmanFilter(
+        lambda x, w, u: x, lambda x, v: H @ x, params, x0=np.zeros(n), P0=P0, R=R,
+        backend=make_backend(backend, params),
+    )  # fmt: skip
+
+
+def state(ukf):
+    return ukf.x.tolist(), ukf.P.tolist()
+
+
+@pytest.mark.parametrize(("backend", "core"), CORES)
+def test_a_row_that_depends_on_others_is_named(backend, core):
+    H = np.array([[1, 0], [0, 1], [1.1, 1.3]])
+    ukf = observing(H, backend, core, P0=np.diag([1.0, 2.0]))
+    before = state(ukf)
+    with pytest.raises(SingularObservationError) as error:
+        ukf.update(H @ [0.1, 0.2] + [0.0, 0.0, 1e-3])
+    assert error.value.index == 2
+    assert state(ukf) == before
+    # Without it there is nothing wrong, and the core goes on.
+    if core.get("form") is not Form.COVARIANCE:  # which has no P = 0
+        ukf.update(H @ [0.1, 0.2], mask=[True, True, False])
+        np.testing.assert_allclose(ukf.x, [0.1, 0.2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("seed", range(40))
+def test_dependent_rows_of_any_scale_are_found_and_precise_sensors_are_not(form, seed):
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(2, 7)), int(rng.integers(2, 7))
+    dependent = int(rng.integers(1, min(m, n)))
+    H = rng.standard_normal((m, n))
+    H[dependent] = rng.standard_normal(dependent) @ H[:dependent]
+    H *= 10.0 ** rng.uniform(-3, 3, (m, 1))
+    root = rng.standard_normal((n, n))
+    P0 = root @ root.T + 0.1 * np.eye(n)
+    core = {"form": form, "pes": int(rng.integers(1, n + 3))}
+    with pytest.raises(SingularObservationError) as error:
+        observing(H, "golden", core, P0=P0).update(np.zeros(m))
+    assert error.value.index == dependent
+    # The smallest noise that is legal, in parts of H P H^T.
+    part = {Form.SQUARE_ROOT: 1e-10, Form.COVARIANCE: 1e-5}[form]
+    R = part * np.diag(np.diag(H @ P0 @ H.T))
+    ukf = observing(H, "golden", core, P0=P0, R=R)
+    ukf.update(np.zeros(m))
+    assert np.isfinite(ukf.P).all()
+
+
+@pytest.mark.parametrize(("backend", "core"), CORES)
+@pytest.mark.parametrize("row", [0, 1])
+@pytest.mark.parametrize("redrawn", [False, True])
+def test_a_gate_rejects_what_the_format_cannot_square(backend, core, row, redrawn):
+    largest = core.get("format", BINARY64).max_finite
+    ukf = observing(np.eye(2), backend, core, P0=np.diag([1e-4, 2.0]), R=np.diag([1e-4, 1.0]))
+    twin = observing(np.eye(2), backend, core, P0=np.diag([1e-4, 2.0]), R=np.diag([1e-4, 1.0]))
+    for each in (ukf, twin):
+        each.gate = 10.0
+        if not redrawn:
+            each.predict()
+    before = state(ukf)
+    for value in (1e15, 1e30, -0.9 * largest, largest):
+        z = [0.1, 0.1]
+        z[row] = value
+        assert ukf.update(z) is False
+        assert ukf.gated
+        assert ukf.nis > 1e29
+        assert state(ukf) == before
+    # A predicted point still serves, and what is sensible is still taken.
+    for each in (ukf, twin):
+        assert each.update([0.01, 0.5]) is True
+    np.testing.assert_allclose(ukf.x, twin.x, rtol=1e-6)
+    ukf.gate = np.inf
+    before = state(ukf)
+    with pytest.raises(NotFiniteError):
+        ukf.update([largest, -largest])
+    assert state(ukf) == before
