@@ -66,6 +66,7 @@ def _errors(records: list[dict[str, Any]]) -> str:
         if record["backend"] == "cosim":
             continue
         verdicts = {(v["error"], v["measure"]): v for v in record["verdicts"]}
+        rounding = {v["error"]: v for v in record["rounding"]}
         name = record["name"]
         for error in record["errors"]:
             label = f"{error['error']} / {error['unit']}" if error["unit"] else error["error"]
@@ -84,14 +85,20 @@ def _errors(records: list[dict[str, Any]]) -> str:
                         "–" if verdict["reference"] is None else number(verdict["reference"])
                     )
                     value = verdict["value"]
+                difference = "–"
+                if measure == "rms" and (beside := rounding.get(error["error"])) is not None:
+                    difference = f"{beside['difference']:+.2%}"
+                    difference += "" if beside["okay"] else " **missed**"
                 kind = "largest " if measure == "maximum" else ""
                 rows.append((
                     f"[{name}](#{name})" if name else "", str(record["runs"]) if name else "",
                     kind + label, number(value), "–" if other is None else number(other),
-                    reference, bound,
+                    difference, reference, bound,
                 ))  # fmt: skip
                 name = ""
-    headings = ("application", "runs", "error", "core", "float64", "reference", "bound")
+    headings = (
+        "application", "runs", "error", "core", "float64", "difference", "reference", "bound",
+    )  # fmt: skip
     return table(headings, rows, left=3)
 
 

@@ -285,7 +285,7 @@ class Stimulus:
         if choice < 0.35:
             return (0, rng.choice(REGISTERS).offset + rng.getrandbits(2), 0, 0)
         if choice < 0.80:
-            bits = start_bit(rng.choice([*STEPS, Step.PREDICT, Step.UPDATE]))
+            bits = start_bit(rng.choice([*STEPS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE]))
             if rng.random() < 0.05:
                 bits |= start_bit(rng.choice(STEPS))
             if rng.random() < 0.04:
@@ -308,7 +308,7 @@ class Stimulus:
         """Error code and index, NIS, and whether the error is an innovation that is too large."""
         update = program in (Program.UPDATE, Program.UPDATE_REDRAWN)
         overflow = update and self.rng.random() < 0.15
-        code = 2 * overflow or (0 if self.rng.random() < 0.75 else self.rng.choice([2, 3, 4]))
+        code = 2 * overflow or (0 if self.rng.random() < 0.72 else self.rng.choice([2, 3, 4]))
         return code, self.rng.getrandbits(8) if code else 0, self.number(), overflow
 
 
@@ -333,7 +333,7 @@ def test_agrees_with_model_on_every_clock(params):
         request = None
         answer = None
         age = 0
-        for _ in range(14000):
+        for _ in range(16000):
             # Everything that happens on this clock. A step ends while a write takes effect rather
             # often, so that the races are met.
             if request is None and rng.random() < 0.8:

@@ -60,6 +60,9 @@ class Entry:
         Expected errors, of whole runs with any seed.
     runs
         Number of runs, with seeds that follow each other, that are judged together.
+    rounding
+        By which part the errors of a core in binary32 may differ from those of the float64
+        reference on the same data.
     """
 
     name: str
@@ -69,6 +72,7 @@ class Entry:
     factory: Callable[[int, int | None], Scenario]
     bounds: tuple[Bound, ...]
     runs: int = 1
+    rounding: float = 0.01
 
     def scenario(self, seed: int = 0, steps: int | None = None) -> Scenario:
         """Make the scenario.

@@ -94,6 +94,11 @@ class Verdict:
         return self.bound.error
 
     @property
+    def difference(self) -> float | None:
+        """Part by which the error is larger than that of the float64 reference, or None."""
+        return self.value / self.float64 - 1.0 if self.float64 else None
+
+    @property
     def okay(self) -> bool:
         """Whether the error is within its bound; NaN is not."""
         return self.bound.low <= self.value <= self.bound.high
@@ -104,6 +109,7 @@ class Verdict:
         return {
             "error": bound.error, "measure": bound.measure, "unit": self.unit,
             "value": self.value if isfinite(self.value) else None, "float64": self.float64,
+            "difference": self.difference,
             "low": bound.low, "high": bound.high, "reference": bound.reference,
             "origin": bound.origin, "okay": self.okay,
         }  # fmt: skip
@@ -184,6 +190,29 @@ class Judgement:
             If a bound is about an error that the scenario does not have, or cannot be judged here.
         """
         return tuple(self._verdict(bound) for bound in bounds)
+
+    def compare_with_reference(self, part: float) -> tuple[Verdict, ...]:
+        """Compare every error with the other filter's on the same data.
+
+        Parameters
+        ----------
+        part
+            By which part of the other's root mean square an error may be larger or smaller.
+
+        Raises
+        ------
+        ValueError
+            If there is no other filter.
+        """
+        if self.reference is None:
+            raise ValueError("reference must be a run of another filter, not None")
+        return self.compare(
+            Bound(
+                error=error.name, low=(1.0 - part) * error.rms, high=(1.0 + part) * error.rms,
+                reference=error.rms, origin="float64 reference on the same data",
+            )
+            for error in self.reference.errors if error.rms > 0.0
+        )  # fmt: skip
 
     def _verdict(self, bound: Bound) -> Verdict:
         own = self._find(bound)

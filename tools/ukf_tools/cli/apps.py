@@ -69,16 +69,27 @@ def _bound(verdict: "Verdict") -> str:
     return f"[{colour}]{number(verdict.bound.low)} to {number(verdict.bound.high)}[/]"
 
 
+def _difference(verdict: "Verdict | None") -> str:
+    """Show by how much an error differs from that of the float64 reference."""
+    if verdict is None or verdict.difference is None:
+        return "-"
+    return f"[{'green' if verdict.okay else 'bold red'}]{verdict.difference:+.2%}[/]"
+
+
 def _errors_table(made: "Evaluation", judged: "Judgement") -> Table:
     """Make the table of one entry."""
     since = "" if made.settled is None else f", after {made.settled:g} s"
     runs = "" if made.runs == 1 else f", {made.runs} runs"
     table = Table(title=f"{made.name}, {made.backend}: {made.steps} steps{runs}{since}")
-    columns = ("error", "rms", "largest", "rms of float64", "published or independent", "bound")
+    columns = (
+        "error", "rms", "largest", "rms of float64", "difference", "published or independent",
+        "bound",
+    )  # fmt: skip
     for heading in columns:
         table.add_column(heading, justify="left" if heading == "error" else "right")
     verdicts = {(v.error, v.bound.measure): v for v in made.verdicts or ()}
     others = judged.reference
+    rounding = {v.error: v for v in made.rounding or ()}
     for k, error in enumerate(judged.errors):
         verdict = verdicts.get((error.name, "rms")) or verdicts.get((error.name, "maximum"))
         reference, bound = "-", "-"
@@ -88,7 +99,8 @@ def _errors_table(made: "Evaluation", judged: "Judgement") -> Table:
             bound = kind + _bound(verdict)
         table.add_row(
             name_of(error.name, error.unit), number(error.rms), number(error.maximum),
-            number(None if others is None else others.errors[k].rms), reference, bound,
+            number(None if others is None else others.errors[k].rms),
+            _difference(rounding.get(error.name)), reference, bound,
         )  # fmt: skip
     return table
 
@@ -246,7 +258,10 @@ def run_all(
 def _print_summary(evaluations: "list[Evaluation]") -> None:
     """Print the table of all errors against their bounds."""
     table = Table(title="Errors of all applications")
-    for heading in ("application", "backend", "error", "measured", "float64", "reference", "bound"):
+    for heading in (
+        "application", "backend", "error", "measured", "float64", "difference", "reference",
+        "bound",
+    ):  # fmt: skip
         left = heading in ("application", "backend", "error")
         table.add_column(heading, justify="left" if left else "right")
     kinds = {"maximum": "largest ", "diverged": "diverged: "}
@@ -255,10 +270,11 @@ def _print_summary(evaluations: "list[Evaluation]") -> None:
         if made.observed is not None:
             words = f"{made.observed.words_compared} words equal"
             verdict = f"[green]{words}[/]" if made.okay else "[bold red]differs[/]"
-            table.add_row(name, backend, f"{made.steps} steps", "-", "-", "-", verdict)
+            table.add_row(name, backend, f"{made.steps} steps", "-", "-", "-", "-", verdict)
             continue
         if made.stopped is not None:
-            table.add_row(name, backend, "stopped", "-", "-", "-", "[bold red]stopped[/]")
+            table.add_row(name, backend, "stopped", "-", "-", "-", "-", "[bold red]stopped[/]")
+        rounding = {verdict.error: verdict for verdict in made.rounding or ()}
         for each in made.verdicts or ():
             measure = each.bound.measure
             table.add_row(
@@ -266,8 +282,14 @@ def _print_summary(evaluations: "list[Evaluation]") -> None:
                 kinds.get(measure, "") + name_of(each.error, each.unit),
                 number(each.value),
                 number(each.float64) if measure == "rms" else "-",
+                _difference(rounding.pop(each.error, None) if measure == "rms" else None),
                 number(each.bound.reference),
                 _bound(each),
+            )  # fmt: skip
+        for each in rounding.values():  # errors without a bound of their own
+            table.add_row(
+                name, backend, name_of(each.error, each.unit), number(each.value),
+                number(each.float64), _difference(each), "-", "-",
             )  # fmt: skip
     results.print(table)
     wrong = [made.name for made in evaluations if not made.okay]

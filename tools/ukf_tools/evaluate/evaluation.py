@@ -49,6 +49,8 @@ class Evaluation:
         Errors, those of the float64 reference beside them; None if a run stopped, or of a study.
     verdicts
         Comparison with the bounds, which are those of whole runs; None if it was not made.
+    rounding
+        Comparison with the float64 reference on the same data; None if it was not made.
     stopped
         Why a run ended early, or None.
     pes
@@ -71,6 +73,7 @@ class Evaluation:
     settled: float | None = None
     judgement: Judgement | None = None
     verdicts: tuple[Verdict, ...] | None = None
+    rounding: tuple[Verdict, ...] | None = None
     stopped: str | None = None
     pes: int | None = None
     observed: Observations | None = None
@@ -87,7 +90,7 @@ class Evaluation:
             return False
         if self.observed is not None and self.observed.mismatch is not None:
             return False
-        return all(verdict.okay for verdict in self.verdicts or ())
+        return all(verdict.okay for verdict in (*(self.verdicts or ()), *(self.rounding or ())))
 
     def as_dict(self) -> dict[str, Any]:
         """Give all of it, ready for JSON."""
@@ -98,6 +101,7 @@ class Evaluation:
             "errors": [] if self.judgement is None else self.judgement.as_dict()["errors"],
             "judged": self.verdicts is not None,
             "verdicts": [verdict.as_dict() for verdict in self.verdicts or ()],
+            "rounding": [verdict.as_dict() for verdict in self.rounding or ()],
             "plots": [str(plot) for plot in self.plots],
             "okay": self.okay, "seconds": self.seconds,
         }  # fmt: skip
@@ -187,6 +191,7 @@ def evaluate(
             settled=judgement.since,
             judgement=judgement,
             verdicts=judgement.compare(entry.bounds) if whole else None,
+            rounding=judgement.compare_with_reference(entry.rounding) if whole else None,
             plots=_plots(entry, backend, found, output),
         )
     return replace(made, seconds=time.perf_counter() - started)
