@@ -129,6 +129,32 @@ MUTANTS = [
         ENGINE,
     ),
     Mutant(
+        "engine: a pivot that is rounding noise passes", "hdl/ukf_hdl/core/engine.py",
+        "(pivot.exponent < noise)", "0",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: couplings of the last program count", "hdl/ukf_hdl/core/engine.py",
+        "m.d.sync += seen.eq(0)", "pass",
+        ENGINE,
+    ),
+    Mutant(
+        "engine: whatever overflows is the innovation", "hdl/ukf_hdl/core/engine.py",
+        "run.innovation_overflow.eq(~other)", "run.innovation_overflow.eq(1)",
+        ENGINE,
+    ),
+    Mutant(
+        "control: a gate that is off rejects an overflow", "hdl/ukf_hdl/core/control.py",
+        "overflow = self.run.innovation_overflow & gate.is_finite",
+        "overflow = self.run.innovation_overflow",
+        "tests/hdl/test_control.py -k every_clock",
+    ),
+    Mutant(
+        "constants: weights are only rounded", "sw/ukf_sw/engine/constants.py",
+        "left = 1 - sum(map(Fraction, row))", "left = Fraction(0)",
+        "tests/sw/test_constants.py",
+    ),
+    Mutant(
         "engine: beats of a stopped program live on", "hdl/ukf_hdl/core/engine.py",
         "Mux(self.run.start, 0, Cat(word.dot, beats))", "Cat(word.dot, beats)",
         ENGINE,

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,15 +23,13 @@ from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FOR
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 from ukf_sw.spec.registers import (
-    CONFIG,
     CONTROL,
     CYCLES,
     ERROR,
-    ID,
+    IDENTITY,
     INTERRUPT_PENDING,
     MASK,
     REGISTERS,
-    SIZES,
     STATUS,
     ErrorCode,
 )
@@ -106,12 +106,7 @@ def test_is_a_backend():
 
 @pytest.mark.parametrize(
     ("register", "field"),
-    [
-        (register, field.name)
-        for register in (ID, SIZES, CONFIG)
-        for field in register
-        if field.name != "PES"
-    ],
+    [(register, field.name) for register in IDENTITY for field in register if field.name != "PES"],
 )
 def test_wrong_core_is_named(register, field):
     core = GoldenCore(SMALL)
@@ -129,6 +124,22 @@ def test_wrong_core_is_named(register, field):
         f"{register.name}.{field}", expected, expected ^ 1
     )  # fmt: skip
     assert bus.writes == []
+
+
+#: Another value of every parameter that must agree.
+OTHER = {
+    "n": 3, "m": 2, "q": 1, "r": 2, "process_noise": Noise.ADDITIVE,
+    "observation_noise": Noise.ADDITIVE, "W0": 0.5 + 2**-53, "form": Form.COVARIANCE,
+    "format": BFLOAT16,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHER)
+def test_a_core_that_differs_in_any_parameter_is_refused(name):
+    params = UkfParams(n=2, m=1, q=2, r=1, W0=0.5)
+    with pytest.raises(WrongCoreError):
+        Driver(GoldenBus(GoldenCore(params)), replace(params, **{name: OTHER[name]}))
+    assert {*OTHER, "pes"} == set(vars(params))
 
 
 @pytest.mark.parametrize(
