@@ -8,6 +8,7 @@ Name                       What computes
 ``reference``              the papers' equations in float64
 ``golden``                 the golden model, every bit as in hardware
 ``uio:0``, ``uio:NAME``    a core on this board, by Linux UIO, with its interrupt
+``uio:0x43C00000``         the same, by the address of the core
 ``pynq:0x43C00000``        a core on this board, by PYNQ, polled
 ``pynq:0x43C00000,PIN``    the same with the interrupt of a pin, as ukf_core_0/irq
 =========================  =========================================================
@@ -150,7 +151,7 @@ def _uio(params: UkfParams, where: str, pipeline: Pipeline | None) -> Backend:
     from ukf_sw.drivers.uio import UioBus
 
     if not where:
-        raise ValueError("backend must be 'uio:' and a number or name, not 'uio'")
+        raise ValueError("backend must be 'uio:' and a number, name or address, not 'uio'")
     bus = UioBus(where)
     return Driver(bus, params, interrupt=bus.wait_for_interrupt)
 

@@ -39,7 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--backend", default="golden",
-        help="reference, golden, cosim, uio:NUMBER_OR_NAME, pynq:ADDRESS[,INTERRUPT_PIN]",
+        help="reference, golden, cosim, uio:NUMBER_NAME_OR_ADDRESS, pynq:ADDRESS[,INTERRUPT_PIN]",
     )  # fmt: skip
     parser.add_argument(
         "--config", default="nanosat", choices=sorted(CATALOGUE), metavar="NAME",

@@ -117,29 +117,57 @@ def test_words_are_whole_and_in_place(device):
         assert device.words[places >> 2].tolist() == words.tolist()
 
 
-def uio_tree(folder, *, name="ukf_core", size=f"{SIZE:#x}"):
-    node = folder / "sys" / "uio3"
+def uio_tree(folder, *, number=3, name="ukf_core", size=f"{SIZE:#x}", address="0x43c00000"):
+    """Add a device to the lists of Linux, as far as the bus reads them."""
+    node = folder / "sys" / f"uio{number}"
     (node / "maps" / "map0").mkdir(parents=True)
     (node / "name").write_text(f"{name}\n")
     (node / "maps" / "map0" / "size").write_text(f"{size}\n")
-    (folder / "dev").mkdir()
-    with (folder / "dev" / "uio3").open("wb") as file:
+    (node / "maps" / "map0" / "addr").write_text(f"{address}\n")
+    (folder / "dev").mkdir(exist_ok=True)
+    with (folder / "dev" / f"uio{number}").open("wb") as file:
         file.truncate(SIZE)
     return {"sysfs": folder / "sys", "devices": folder / "dev"}
 
 
-@pytest.mark.parametrize("device", [3, "3", "ukf_core"])
-def test_uio_devices_are_found_by_number_and_by_name(device, tmp_path):
+@pytest.mark.parametrize("device", [3, "3", "uio3", "ukf_core", "0x43C00000", "0x43c00000"])
+def test_uio_devices_are_found_by_number_name_and_address(device, tmp_path):
     with UioBus(device, **uio_tree(tmp_path)) as bus:
         bus.write(MASK.offset, 5)
     assert (tmp_path / "dev" / "uio3").read_bytes()[MASK.offset] == 5
+
+
+def test_a_name_of_two_uio_devices_is_refused(tmp_path):
+    """Which of two cores is meant, nobody can say; in text order, uio10 comes before uio9."""
+    for number, address in ((10, "0x43c10000"), (9, "0x43c00000")):
+        tree = uio_tree(tmp_path, number=number, address=address)
+    # A device without memory is none of ours, and must not be in the way.
+    uio_tree(tmp_path, number=11, name="fan")
+    (tmp_path / "sys" / "uio11" / "maps" / "map0" / "addr").unlink()
+    with pytest.raises(
+        DeviceError,
+        match=r"^uio:ukf_core: one UIO device must have this name, not 2: uio9 at 0x43c00000 is "
+        r"ukf_core, uio10 at 0x43c10000 is ukf_core; give a number or an address$",
+    ):
+        UioBus("ukf_core", **tree)
+    for device, node in (("10", "uio10"), ("uio9", "uio9"), ("0x43C10000", "uio10")):
+        with UioBus(device, **tree) as bus:
+            assert bus._name == str(tmp_path / "dev" / node)
+    with pytest.raises(
+        DeviceMissingError,
+        match=r"^uio:0x43c20000: no UIO device has this address; there are: uio9 at 0x43c00000 is "
+        r"ukf_core, uio10 at 0x43c10000 is ukf_core, uio11 is fan$",
+    ):
+        UioBus("0x43c20000", **tree)
 
 
 def test_uio_devices_that_cannot_be_used(tmp_path, monkeypatch):
     tree = uio_tree(tmp_path, size="0x10000000000")
     with pytest.raises(DeviceMissingError, match=r"uio4: no such UIO device.*generic-uio"):
         UioBus(4, **tree)
-    with pytest.raises(DeviceMissingError, match=r"^uio:other: .*; there are: ukf_core$"):
+    with pytest.raises(
+        DeviceMissingError, match=r"^uio:other: .*; there are: uio3 at 0x43c00000 is ukf_core$"
+    ):
         UioBus("other", **tree)
     with pytest.raises(DeviceError, match="cannot map 1099511627776 bytes"):
         UioBus(3, **tree)
@@ -271,7 +299,7 @@ def test_pynq_that_is_not_installed(monkeypatch):
     [
         ("fpga", "backend must be one of reference, golden, uio, pynq"),
         ("golden:1", "backend must be 'golden', with nothing behind it, not '1'"),
-        ("uio", "backend must be 'uio:' and a number or name, not 'uio'"),
+        ("uio", "backend must be 'uio:' and a number, name or address, not 'uio'"),
         ("pynq:here", "backend must be 'pynq:' and an address"),
     ],
 )

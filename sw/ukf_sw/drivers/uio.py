@@ -8,7 +8,9 @@ disables an interrupt when it comes.
 
 import mmap
 import os
+import re
 import select
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +25,63 @@ _DEVICES = Path("/dev")
 _ENABLE = (1).to_bytes(4, "little")
 
 
-def _find(name: str, sysfs: Path) -> str:
-    """Name of the device with a number, or with a name of the device tree: uio0 and so on."""
-    if name.isdecimal():
-        return f"uio{name}"
-    entries = sorted(sysfs.glob("uio*/name")) if sysfs.is_dir() else []
-    names = {entry.read_text(encoding="ascii").strip(): entry.parent.name for entry in entries}
-    if name in names:
-        return names[name]
-    known = ", ".join(sorted(names)) or "none"
-    raise DeviceMissingError(f"uio:{name}", f"no UIO device has this name; there are: {known}")
+@dataclass(frozen=True, kw_only=True)
+class _Device:
+    """A UIO device, as Linux lists it."""
+
+    number: int
+    name: str
+    address: int | None
+
+    @classmethod
+    def of(cls, folder: Path) -> "_Device":
+        """Read the folder of a device."""
+        address = folder / "maps" / "map0" / "addr"
+        return cls(
+            number=int(folder.name.removeprefix("uio")),
+            name=(folder / "name").read_text(encoding="ascii", errors="replace").strip(),
+            address=int(address.read_text(encoding="ascii"), 0) if address.is_file() else None,
+        )
+
+    @property
+    def node(self) -> str:
+        """Name of its file in /dev."""
+        return f"uio{self.number}"
+
+    def __str__(self) -> str:
+        place = "" if self.address is None else f" at {self.address:#x}"
+        return f"{self.node}{place} is {self.name}"
+
+
+def _find(wanted: str, sysfs: Path) -> str:
+    """Node of the device with a number, an address, or a name of the device tree.
+
+    Several cores may have one name. Then it says nothing, and none of them is taken.
+    """
+    number = re.fullmatch(r"(?:uio)?([0-9]+)", wanted)
+    if number is not None:
+        return f"uio{int(number[1])}"
+    folders = [path.parent for path in sysfs.glob("uio*/name")]
+    devices = sorted(map(_Device.of, folders), key=lambda device: device.number)
+    by_address = re.fullmatch(r"0[xX][0-9a-fA-F]+", wanted) is not None
+    kind = "address" if by_address else "name"
+    found = [
+        device
+        for device in devices
+        if (device.address == int(wanted, 16) if by_address else device.name == wanted)
+    ]
+    if len(found) > 1:
+        raise DeviceError(
+            f"uio:{wanted}",
+            f"one UIO device must have this {kind}, not {len(found)}: "
+            f"{', '.join(map(str, found))}; give a number or an address",
+        )
+    if not found:
+        known = ", ".join(map(str, devices)) or "none"
+        raise DeviceMissingError(
+            f"uio:{wanted}", f"no UIO device has this {kind}; there are: {known}"
+        )
+    return found[0].node
 
 
 class UioBus(DeviceBus):
@@ -46,7 +95,8 @@ class UioBus(DeviceBus):
     Parameters
     ----------
     device
-        Number N of ``/dev/uioN``, or name of the device, as in ``/sys/class/uio/uioN/name``.
+        Number N of ``/dev/uioN``, also as "uioN"; physical address of the registers, as
+        "0x43c00000"; or name of the device, as in ``/sys/class/uio/uioN/name``, if no other has it.
     guard
         See :class:`ukf_sw.drivers.device_bus.DeviceBus`.
     sysfs, devices
@@ -59,7 +109,7 @@ class UioBus(DeviceBus):
     DevicePermissionError
         If this user may not open it.
     DeviceError
-        If it cannot be mapped.
+        If several devices have this name, or it cannot be mapped.
     """
 
     def __init__(
