@@ -13,20 +13,20 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
 from ukf_hdl.core.ukf_core import UkfCore
+from ukf_hdl.instance import NAME, Instance, address_range
 from ukf_hdl.interfaces.c_driver import c_driver
 from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
+from ukf_hdl.lint_waivers import lint_waivers
 from ukf_sw import __version__
-from ukf_sw.folders import cache_folder
+from ukf_sw.folders import cache_folder, output_folder
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import DATA_WIDTH, REGISTERS
 
 __all__ = [
-    "BASE_ADDRESS",
-    "INTERRUPT",
     "NAME",
     "Toplevel",
     "description",
@@ -36,13 +36,8 @@ __all__ = [
     "without_header",
 ]
 
-#: Name of the Verilog module and stem of the files.
-NAME = "ukf_core"
-
-#: Where Vivado puts the first core on the general port of a Zynq-7000, unless told otherwise.
-BASE_ADDRESS = 0x43C0_0000
-#: Interrupt of IRQ_F2P[0] of a Zynq-7000 at its controller.
-INTERRUPT = 61
+#: A core with the name and in the place that cores have if nothing else is said.
+_INSTANCE = Instance()
 
 #: Attributes that let Vivado infer what the port names do not say, by port.
 VIVADO_ATTRIBUTES = {
@@ -118,8 +113,8 @@ class Toplevel(wiring.Component):
         return m
 
 
-def description(core: UkfCore) -> dict:
-    """Describe a core: versions, parameters, registers and regions.
+def description(core: UkfCore, instance: Instance = _INSTANCE) -> dict:
+    """Describe a core: name, versions, parameters, place in the system, registers and regions.
 
     Offsets, positions and widths of the registers are those that the hardware has; names and
     meanings are those of :mod:`ukf_sw.spec.registers`.
@@ -128,18 +123,31 @@ def description(core: UkfCore) -> dict:
     ----------
     core
         The core.
+    instance
+        Its name and place in the system.
 
     Returns
     -------
     dict
         Of lists, dicts, strings and numbers, ready for JSON.
+
+    Raises
+    ------
+    ValueError
+        If the core cannot be at this address.
     """
+    instance.check(core.params)
     memory_map = MemoryMap(core.params)
     return {
-        "name": NAME,
+        "name": instance.name,
+        "c_prefix": instance.prefix,
         "version": __version__,
         "amaranth": amaranth.__version__,
         **Core(params=core.params, pipeline=core.pipeline).record(),
+        "base_address": instance.base_address,
+        "address_range": address_range(core.params),
+        "interrupt": instance.interrupt,
+        "clock_hz": instance.clock_hz,
         "address_width": memory_map.address_width,
         "element_bytes": memory_map.element_bytes,
         "row_stride": memory_map.row_stride,
@@ -189,17 +197,13 @@ def _describe_registers(core):
     return registers
 
 
-def interface_files(
-    core: UkfCore, *, base_address: int = BASE_ADDRESS, interrupt: int = INTERRUPT
-) -> dict[str, str]:
+def interface_files(core: UkfCore, instance: Instance = _INSTANCE) -> dict[str, str]:
     """Render everything that software needs about a core.
 
     Parameters
     ----------
-    core
-        The core.
-    base_address, interrupt
-        As for :func:`generate`.
+    core, instance
+        As for :func:`description`.
 
     Returns
     -------
@@ -209,15 +213,15 @@ def interface_files(
     Raises
     ------
     ValueError
-        If address or interrupt are out of range.
+        If the core cannot be at this address.
     """
-    record = description(core)
-    place = {"base_address": base_address, "interrupt": interrupt}
+    record = description(core, instance)
+    stem = instance.name
     return {
-        f"{NAME}.json": json.dumps(record, indent=2) + "\n",
-        f"{NAME}.svd": svd(record, **place),
-        f"{NAME}.dtso": device_tree(record, **place),
-        f"{NAME}.md": register_page(record),
+        f"{stem}.json": json.dumps(record, indent=2) + "\n",
+        f"{stem}.svd": svd(record),
+        f"{stem}.dtso": device_tree(record),
+        f"{stem}.md": register_page(record),
         **{f"c/{name}": text for name, text in c_driver(record).items()},
     }
 
@@ -293,10 +297,11 @@ def generate(
     output: Path,
     *,
     engine=None,
-    base_address: int = BASE_ADDRESS,
-    interrupt: int = INTERRUPT,
+    instance: Instance = _INSTANCE,
 ) -> list[Path]:
     """Write a core to a folder. Equal inputs give equal files, byte for byte.
+
+    Cores of different names can be in one design and their headers in one C program.
 
     Parameters
     ----------
@@ -306,26 +311,29 @@ def generate(
         Folder to write to; made if absent.
     engine
         In the place of the core's own, for tests.
-    base_address, interrupt
-        Where the core will be in the system, for the SVD and the device tree: byte address, and
-        number at the interrupt controller.
+    instance
+        Its name and place in the system.
 
     Returns
     -------
     list of Path
-        The files written: Verilog, description, CMSIS-SVD, device tree overlay, documentation of
-        the registers, C driver.
+        The files written: Verilog, waivers for Verilator's lint, description, CMSIS-SVD, device
+        tree overlay, documentation of the registers, C driver.
 
     Raises
     ------
     ValueError
-        If address or interrupt are out of range.
+        If the core cannot be at this address.
+    OSError
+        If the folder cannot be written, before anything else is done.
     """
     core = UkfCore(params, pipeline, engine=engine)
-    interfaces = interface_files(core, base_address=base_address, interrupt=interrupt)
+    interfaces = interface_files(core, instance)
+    output_folder(output)
+    stem = instance.name
     with _builtin_yosys():
-        text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
-    files = {f"{NAME}.v": header(core) + text, **interfaces}
+        text = verilog.convert(Toplevel(core), name=stem, emit_src=False, strip_internal_attrs=True)
+    files = {f"{stem}.v": header(core) + text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
     for file, content in files.items():
         (output / file).parent.mkdir(parents=True, exist_ok=True)
         (output / file).write_text(content, encoding="utf-8")

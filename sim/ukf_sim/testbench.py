@@ -6,18 +6,16 @@ The testbench makes the same accesses to the Verilog and compares every word it 
 
 from pathlib import Path
 
+from ukf_hdl.instance import NAME
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import StepError
+from ukf_sw.folders import output_folder
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
 from ukf_sw.spec.memory_map import MemoryMap
 
-__all__ = ["NAME", "record", "write"]
-
-#: Name of the module.
-NAME = "ukf_core_tb"
-_VECTORS = "ukf_core_tb.hex"
+__all__ = ["record", "write"]
 
 _WRITE, _READ, _WAIT = 1, 2, 3
 
@@ -75,7 +73,7 @@ def record(recipe: Recipe, steps: int) -> list[tuple[int, int, int]]:
 _TEXT = """\
 // Replays a filter's bus accesses and compares every word. Generated, do not edit.
 `timescale 1ns / 1ps
-module ukf_core_tb;
+module {name}_tb;
   localparam COUNT = {count}, WIDTH = {width}, PATIENCE = {patience};
   reg [71:0] accesses [0:COUNT-1];  // what, address, word
   reg clock = 0, resetn = 0;
@@ -87,7 +85,7 @@ module ukf_core_tb;
   wire [31:0] rdata;
   integer i, errors = 0, patience;
 
-  ukf_core dut (
+  {name} dut (
     .aclk(clock), .aresetn(resetn), .irq(irq),
     .s_axi_awaddr(address), .s_axi_awprot(3'b0), .s_axi_awvalid(awvalid), .s_axi_awready(awready),
     .s_axi_wdata(data), .s_axi_wstrb(4'b1111), .s_axi_wvalid(wvalid), .s_axi_wready(wready),
@@ -170,7 +168,7 @@ endmodule
 """
 
 
-def write(recipe: Recipe, steps: int, output: Path) -> list[Path]:
+def write(recipe: Recipe, steps: int, output: Path, *, name: str = NAME) -> list[Path]:
     """Write the testbench to a folder.
 
     Parameters
@@ -179,21 +177,31 @@ def write(recipe: Recipe, steps: int, output: Path) -> list[Path]:
         As for :func:`record`.
     output
         Folder to write to; made if absent.
+    name
+        Name of the core.
 
     Returns
     -------
     list of Path
         The module, and what it replays.
+
+    Raises
+    ------
+    ValueError
+        As :func:`record`.
+    OSError
+        If the folder cannot be written, before anything else is done.
     """
+    output_folder(output)
     accesses = record(recipe, steps)
-    output.mkdir(parents=True, exist_ok=True)
-    bench, vectors = output / f"{NAME}.v", output / _VECTORS
+    bench, vectors = output / f"{name}_tb.v", output / f"{name}_tb.hex"
     bench.write_text(
         _TEXT.format(
             count=len(accesses),
             width=MemoryMap(recipe.params).address_width,
             patience=100_000,
-            vectors=_VECTORS,
+            vectors=vectors.name,
+            name=name,
         ),
         encoding="utf-8",
     )

@@ -1,10 +1,10 @@
-"""Folders to keep things in."""
+"""Folders to write to."""
 
 import os
 import tempfile
 from pathlib import Path
 
-__all__ = ["cache_folder"]
+__all__ = ["cache_folder", "output_folder"]
 
 
 def cache_folder(wanted: Path | None) -> Path:
@@ -30,3 +30,16 @@ def cache_folder(wanted: Path | None) -> Path:
                 return wanted
     user = getattr(os, "getuid", lambda: "user")()  # Windows has one of its own for each user
     return Path(tempfile.gettempdir(), f"ukf-core-{user}", wanted.name if wanted else "cache")
+
+
+def output_folder(folder: Path) -> Path:
+    """Make a folder for results and try to write there, so that long work does not end in vain.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made or written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        return folder

@@ -10,8 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from support.stub_engine import StubEngine
-from ukf_hdl.packaging.boards import BOARDS
-from ukf_hdl.packaging.package import BASE, package
+from ukf_hdl.instance import Instance
+from ukf_hdl.packaging.boards import BOARDS, find_board
+from ukf_hdl.packaging.package import package
 from ukf_sim.testbench import record, write
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.float_format import BINARY64
@@ -19,7 +20,9 @@ from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.cli import app
 from ukf_tools.vivado.check import check_package
-from ukf_tools.vivado.ips import ScriptError
+from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
+from ukf_tools.vivado.ips import BOARD_PARTS, ScriptError
+from ukf_tools.vivado.model import Vivado
 
 TINY = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 SMALLEST = UkfParams(n=1, m=1)
@@ -31,8 +34,11 @@ needs_tcl = pytest.mark.skipif(
 )
 
 
-def make(folder, params=TINY, board="pynq-z2"):
-    return package(params, None, BOARDS[board], folder, engine=StubEngine(params))
+def make(folder, params=TINY, board="pynq-z2", part=None, **instance):
+    return package(
+        params, None, find_board(board, part), folder, engine=StubEngine(params),
+        instance=Instance(**instance),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +67,9 @@ def test_scripts_make_a_system(params, board, tmp_path):
     make(tmp_path, params, board)
     checked = check_package(tmp_path)
     record = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
-    assert checked.address == BASE
+    assert checked.address == Instance().base_address
+    assert checked.interrupt == Instance().interrupt
+    assert checked.versions == VERSIONS
     assert checked.size == max(1 << record["address_width"], 4096)
     assert checked.size >= 1 << MemoryMap(params).address_width
     assert checked.clock_mhz == 100.0
@@ -102,7 +110,8 @@ MISTAKES = {
         "block_design.tcl", "connect_bd_intf_net [get_bd_intf_pins $bus/M00_AXI]", "list",
         "s_axi|M00_AXI is not connected",
     ),
-    "no preset": ("block_design.tcl", 'apply_board_preset "1"', 'apply_preset "1"', "rule does"),
+    "no preset": ("block_design.tcl", "apply_board_preset", "apply_preset", "rule does"),
+    "preset forgotten": ("block_design.tcl", "[expr {$board_parts ne {}}]", "0", "a board has one"),
     "no address": ("block_design.tcl", "assign_bd_address", "list", "has no address"),
     "address outside": ("settings.tcl", "core_base 0x43c00000", "core_base 0x83c00000", "window"),
     "address odd": ("settings.tcl", "core_base 0x43c00000", "core_base 0x43c00800", "multiple"),
@@ -128,7 +137,18 @@ MISTAKES = {
     "run": ("build.tcl", "launch_runs impl_1", "launch_runs impl_2", "no run impl_2"),
     "no bitstream": ("build.tcl", "-to_step write_bitstream ", "", "after it is made"),
     "hold": ("build.tcl", "hold min", "hold low", "no delays low"),
-    "output": ("build.tcl", "${design_name}.bit]", "x.bit]", "must end with bit"),
+    "output": ("build.tcl", "$root ${design_name}.hwh", "$root x.hwh", "must end with bit"),
+    "bitstream": ("build.tcl", "up 0x0 [file join $root ", "up 0x0 [file join $root x", "no bits"),
+    "swapped bits": ("build.tcl", " -disablebitswap", "", "byte order of Linux"),
+    "bytes": ("build.tcl", "-interface SMAPx32", "-interface SMAPx8", "byte order of Linux"),
+    "memory": ("build.tcl", "-size 32", "-size 30", "power of 2"),
+    "no bit.bin": ("build.tcl", "write_cfgmem", "list", "must end with bit"),
+    "store": ("build.tcl", "set_param board.repoPaths", "list", "must be installed"),
+    "parameter": ("build.tcl", "set_param board.repoPaths", "set_param board.paths", "no property"),
+    "property of a run": ("build.tcl", "get_property PROGRESS", "get_property DONE", "no property"),
+    "item": ("settings.tcl", "board_items *:pynq-z2", "board_items *:pynq", "store must have"),
+    "not refreshed": ("install_board.tcl", "xhub::refresh_catalog", "list", "be refreshed"),
+    "new command": ("build.tcl", "wait_on_run ", "wait_on_runs ", "Vivado 2020.2 has no wait_on_r"),
     "constraint": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports clk", "there is no clock clk"),
     "constraint of another port": ("ukf_core_ooc.xdc", "get_ports aclk", "get_ports irq", "no cl"),
     "verilog port": ("../rtl/ukf_core.v", "s_axi ARADDR", "s_axi ARADR", "ARADDR"),
@@ -147,6 +167,125 @@ def test_mistakes_are_found(name, folder):
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(ScriptError, match=message):
         check_package(folder)
+
+
+@needs_tcl
+def test_the_versions_know_different_commands(folder):
+    """wait_on_runs came after 2020.2; wait_on_run is in all versions."""
+    script = folder / "vivado" / "build.tcl"
+    script.write_text(script.read_text().replace("wait_on_run ", "wait_on_runs "))
+    Vivado(folder, "2024.2").run(script)
+    with pytest.raises(ScriptError, match=r"^build.tcl: Vivado 2020.2 has no wait_on_runs$"):
+        Vivado(folder, "2020.2").run(script)
+
+
+@needs_tcl
+def test_the_tables_of_vivado_have_what_the_scripts_use_and_no_more(folder):
+    """All of it is in the table of the documents; nothing has been kept that nobody uses."""
+    model = Vivado(folder)
+    used = set()
+    scripts = "".join(file.read_text() for file in (folder / "vivado").glob("*.tcl"))
+    for name, entry in COMMANDS.items():
+        assert model.tcl.eval(f"info commands {name}"), f"the model must have {name}"
+        if re.search(rf"(?<![\w:]){name}\b", scripts):
+            used.add(name)
+        for option in entry.valued | entry.flags:
+            assert re.search(rf"{option}\b", scripts), f"{name} {option}"
+    assert set(COMMANDS) - used == {"wait_on_runs"}
+    for _, name in PROPERTIES:
+        assert re.search(rf"\b{re.escape(name)}\b", scripts), name
+
+
+@needs_tcl
+def test_the_latest_files_of_a_board_are_taken(folder, monkeypatch):
+    """By number, in which 1.10 comes after 1.9; whoever the vendor says he is."""
+    for version in ("1.9", "1.10"):
+        monkeypatch.setitem(BOARD_PARTS, f"tul.com.tw:pynq-z2:part0:{version}", "xc7z020clg400-1")
+    model = Vivado(folder)
+    model.run(folder / "vivado" / "build.tcl")
+    assert model.board_part == "tul.com.tw:pynq-z2:part0:1.10"
+
+
+@needs_tcl
+@pytest.mark.parametrize("vendor", ["avnet-tria", "Avnet-tria", "avnet.com", None])
+def test_the_vendor_of_a_board_may_have_another_name(vendor, tmp_path, monkeypatch):
+    make(tmp_path, board="zedboard")
+    for name in [name for name in BOARD_PARTS if "zedboard" in name]:
+        monkeypatch.delitem(BOARD_PARTS, name)
+    if vendor is None:
+        with pytest.raises(ScriptError, match=r"must be installed: source install_board.tcl"):
+            check_package(tmp_path)
+        return
+    monkeypatch.setitem(BOARD_PARTS, f"{vendor}:zedboard:part0:1.5", "xc7z020clg484-1")
+    assert check_package(tmp_path).cells[0] == "processing_system7_0"
+
+
+@needs_tcl
+@pytest.mark.parametrize(("interrupt", "bit"), [(61, 0), (63, 2), (68, 7), (84, 8), (91, 15)])
+def test_a_core_has_its_name_and_place(interrupt, bit, tmp_path):
+    """All files say the same, and the model of Vivado finds the core there."""
+    make(tmp_path, name="left", base_address=0x4001_0000, interrupt=interrupt, clock_mhz=62.5)
+    checked = check_package(tmp_path)
+    assert (checked.address, checked.interrupt) == (0x4001_0000, interrupt)
+    assert checked.clock_mhz == 62.5
+    assert "left_0" in checked.cells
+    settings = (tmp_path / "vivado" / "settings.tcl").read_text()
+    assert f"set core_interrupt_bit {bit}\n" in settings
+    assert "set design_name left_system\n" in settings
+    assert "create_clock -period 16.000" in (tmp_path / "vivado" / "left_ooc.xdc").read_text()
+    header = (tmp_path / "rtl" / "c" / "left.h").read_text()
+    assert f"#define LEFT_INTERRUPT {interrupt}u\n" in header
+    assert "#define LEFT_BASE_ADDRESS 0x40010000u\n" in header
+    assert "#define LEFT_CLOCK_HZ 62500000u\n" in header
+    overlay = (tmp_path / "rtl" / "left.dtso").read_text()
+    assert "left@40010000 {" in overlay
+    assert f"interrupts = <0 {interrupt - 32} 4>;" in overlay
+    assert "assigned-clock-rates = <62500000>;" in overlay
+    assert not [path for path in tmp_path.rglob("*") if "ukf_core" in path.name]
+
+
+@needs_tcl
+def test_a_device_has_no_board(tmp_path):
+    make(tmp_path, board=None, part="xc7z045ffg900-2")
+    model = Vivado(tmp_path)
+    model.run(tmp_path / "vivado" / "build.tcl")
+    assert (model.part, model.board_part) == ("xc7z045ffg900-2", "")
+    assert not check_package(tmp_path).cells[0].startswith("left")
+
+
+PLACES = "base_address must be from 0x40000000 to 0x7fffffff, the window of M_AXI_GP0, not {}"
+LINES = "interrupt must be from 61 to 68 or from 84 to 91, those of IRQ_F2P, not {}"
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ({"base_address": 0x3FFF_F000}, PLACES.format("0x3ffff000")),
+        ({"base_address": 0x8000_0000}, PLACES.format("0x80000000")),
+        ({"base_address": 0x43C0_0800}, "base_address must be a multiple of 0x1000,"),
+        ({"interrupt": 60}, LINES.format(60)),
+        ({"interrupt": 69}, LINES.format(69)),
+        ({"interrupt": 92}, LINES.format(92)),
+    ],
+)
+def test_what_a_zynq_has_not_is_refused(place, message, tmp_path):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        make(tmp_path / "package", **place)
+    assert not (tmp_path / "package").exists()
+
+
+@pytest.mark.parametrize(
+    ("board", "part", "message"),
+    [
+        (None, None, "--board must be given, one of zedboard, pynq-z2; or --part"),
+        ("arty", None, "--board must be one of zedboard, pynq-z2, not 'arty'"),
+        (None, "xc7a35ticsg324-1L", "--part must be a Zynq-7000, as xc7z020clg484-1, not 'xc7a35"),
+        ("zedboard", "xc7z020clg400-1", "--part must be xc7z020clg484-1, which the zedboard has,"),
+    ],
+)
+def test_boards_and_devices_that_there_are_not(board, part, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        find_board(board, part)
 
 
 @needs_tcl
@@ -197,7 +336,7 @@ def test_command(tmp_path, monkeypatch):
     result = runner.invoke(app, ["package", *arguments, "--board", "zedboard", "--json"])
     assert result.exit_code == 0, result.output
     made = json.loads(result.stdout)
-    assert made["checked"]["address"] == BASE
+    assert made["checked"]["address"] == Instance().base_address
     assert (
         "set part xc7z020clg484-1" in (tmp_path / "build/package/vivado/settings.tcl").read_text()
     )
@@ -212,6 +351,25 @@ def test_command(tmp_path, monkeypatch):
     ("arguments", "message"),
     [
         (["package", "--board", "arty"], "--board must be one of zedboard, pynq-z2, not 'arty'"),
+        (["package"], "--board must be given, one of zedboard, pynq-z2; or --part"),
+        (["package", "--part", "xc7a35t"], "--part must be a Zynq-7000, as xc7z020clg484-1, not"),
+        (
+            ["package", "--board", "zedboard", "--name", "module"],
+            "name must not be 'module', a key",
+        ),
+        (
+            ["package", "--board", "zedboard", "--interrupt", "60"],
+            "interrupt must be from 61 to 68",
+        ),
+        (
+            ["package", "--board", "zedboard", "--base-address", "0x80000000"],
+            "base_address must be from 0x40000000 to 0x7fffffff, the window of M_AXI_GP0",
+        ),
+        (
+            ["package", "--board", "zedboard", "--clock-mhz", "300"],
+            "clock_mhz must be between 1 and 250, not 300.0",
+        ),
+        (["testbench", "--name", "Left"], "name must be at most 31 lower-case letters"),
         (["package", "--board", "zedboard", "--output", "file"], "--output must be a folder, not"),
         (["testbench", "--output", "file"], "--output must be a folder, not the file 'file'"),
     ],

@@ -24,7 +24,7 @@ def c_headers(record: dict[str, Any]) -> dict[str, str]:
     dict
         Texts by name of the file.
     """
-    return {"ukf_core.h": core_header(record), "ukf_registers.h": registers_header(record)}
+    return {f"{record['name']}.h": core_header(record), "ukf_registers.h": registers_header(record)}
 
 
 def c_driver(record: dict[str, Any]) -> dict[str, str]:

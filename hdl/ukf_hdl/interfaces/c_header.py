@@ -115,6 +115,8 @@ def _structure(record: dict[str, Any]) -> list[str]:
 def core_header(record: dict[str, Any]) -> str:
     """Render sizes and addresses of a core as a C header, C99 and later, and C++.
 
+    Its macros begin with the prefix of the core, so one program can include those of several.
+
     Parameters
     ----------
     record
@@ -127,28 +129,34 @@ def core_header(record: dict[str, Any]) -> str:
     }
     bases = {region["name"]: region["base"] for region in record["regions"]}
     points = next(region["columns"] for region in record["regions"] if region["symbol"] == "X")
+    prefix = record["c_prefix"]
     lines = [
-        "/* Sizes and addresses of a UKF core. Generated, do not edit. */",
-        "#ifndef UKF_CORE_H",
-        "#define UKF_CORE_H",
+        f"/* Sizes and addresses of the UKF core {record['name']}. Generated, do not edit. */",
+        f"#ifndef {prefix}_CORE_H",
+        f"#define {prefix}_CORE_H",
         "",
         '#include "ukf_registers.h"',
         "",
         *_OPEN,
         "/* Sizes. */",
-        *(f"#define UKF_{field} {values[name, field]}u" for name, field in IDENTITY_FIELDS),
-        f"#define UKF_POINTS {points}u",
-        f"#define UKF_PES {values['CONFIG', 'PES']}u",
+        *(f"#define {prefix}_{field} {values[name, field]}u" for name, field in IDENTITY_FIELDS),
+        f"#define {prefix}_POINTS {points}u",
+        f"#define {prefix}_PES {values['CONFIG', 'PES']}u",
         "",
-        "/* Addresses are in bytes. Element (i, j) of a region is at",
-        " * base + i * UKF_ROW_STRIDE + j * UKF_ELEMENT_BYTES. */",
-        f"#define UKF_ADDRESS_BITS {record['address_width']}u",
-        f"#define UKF_ELEMENT_BYTES {record['element_bytes']}u",
-        f"#define UKF_ROW_STRIDE {record['row_stride']:#x}u",
-        f"#define UKF_REGION_STRIDE {record['region_stride']:#x}u",
+        "/* Place in the system: address of the registers, interrupt at its controller, clock. */",
+        f"#define {prefix}_BASE_ADDRESS {record['base_address']:#x}u",
+        f"#define {prefix}_INTERRUPT {record['interrupt']}u",
+        f"#define {prefix}_CLOCK_HZ {record['clock_hz']}u",
+        "",
+        "/* Addresses are in bytes from there on. Element (i, j) of a region is at",
+        f" * base + i * {prefix}_ROW_STRIDE + j * {prefix}_ELEMENT_BYTES. */",
+        f"#define {prefix}_ADDRESS_BITS {record['address_width']}u",
+        f"#define {prefix}_ELEMENT_BYTES {record['element_bytes']}u",
+        f"#define {prefix}_ROW_STRIDE {record['row_stride']:#x}u",
+        f"#define {prefix}_REGION_STRIDE {record['region_stride']:#x}u",
     ]
     for region in record["regions"]:
-        stem = f"UKF_{region['name'].upper()}"
+        stem = f"{prefix}_{region['name'].upper()}"
         lines += [
             "",
             f"/* {region['symbol']}: {region['doc']} */",
@@ -157,17 +165,17 @@ def core_header(record: dict[str, Any]) -> str:
             f"#define {stem}_COLUMNS {region['columns']}u",
         ]
     members = [
-        *((field.lower(), f"UKF_{field}") for _, field in IDENTITY_FIELDS),
-        ("points", "UKF_POINTS"),
-        ("element_bytes", "UKF_ELEMENT_BYTES"),
-        ("row_stride", "UKF_ROW_STRIDE"),
-        *((name, f"UKF_{name.upper()}_BASE" if name in bases else "0u") for name in REGIONS),
+        *((field.lower(), f"{prefix}_{field}") for _, field in IDENTITY_FIELDS),
+        ("points", f"{prefix}_POINTS"),
+        ("element_bytes", f"{prefix}_ELEMENT_BYTES"),
+        ("row_stride", f"{prefix}_ROW_STRIDE"),
+        *((name, f"{prefix}_{name.upper()}_BASE" if name in bases else "0u") for name in REGIONS),
     ]
     lines += [
         "",
         "/* The same as an initialiser of `struct ukf_core` (ukf_driver.h), in the order of its",
         " * members: C++ before C++20 cannot name them. */",
-        "#define UKF_CORE_INITIALISER { \\",
+        f"#define {prefix}_CORE_INITIALISER {{ \\",
         *(f"    {value}, /* {name} */ \\" for name, value in members),
         "}",
         *_CLOSE,

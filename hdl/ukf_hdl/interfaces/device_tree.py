@@ -2,44 +2,31 @@
 
 from typing import Any
 
+from ukf_hdl.instance import FIRST_SHARED
+
 __all__ = ["device_tree"]
 
-#: Shared peripheral interrupts of the device tree start at this number of the controller.
-FIRST_SHARED = 32
-#: Linux maps whole pages.
-PAGE = 4096
+#: Number of FCLK0 at the clock controller of a Zynq-7000.
+_FCLK0 = 15
 
 
-def device_tree(record: dict[str, Any], *, base_address: int, interrupt: int) -> str:
+def device_tree(record: dict[str, Any]) -> str:
     """Render a device tree overlay for ``dtc -@``.
 
-    It adds a node below ``/amba`` (label ``amba``) of a Zynq-7000 tree, with the interrupt
-    controller ``intc`` and the clock FCLK0 of ``clkc``. The node is compatible with
-    ``generic-uio``: the kernel's command line needs ``uio_pdrv_genirq.of_id=generic-uio``.
+    It adds two nodes below ``/amba`` (label ``amba``) of a Zynq-7000 tree, with the interrupt
+    controller ``intc`` and the clock FCLK0 of ``clkc``. The core's own is compatible with
+    ``generic-uio``: the kernel's command line needs ``uio_pdrv_genirq.of_id=generic-uio``. Linux
+    names the UIO device after it, and sets FCLK0 to the core's clock when it takes the node.
+
+    UIO's driver enables no clock, so Linux may switch FCLK0 off as unused. The other node has it
+    enabled, by the driver of Xilinx's kernels (``CONFIG_XILINX_FCLK``); others ignore it.
 
     Parameters
     ----------
     record
         Description of the core.
-    base_address
-        Where the core is on the bus of the processor; a multiple of its size, which is at least a
-        page.
-    interrupt
-        Number of its interrupt at the interrupt controller, 32 or more.
-
-    Raises
-    ------
-    ValueError
-        If the address does not fit the size of the core, or the interrupt is not a shared one.
     """
-    size = max(PAGE, 1 << record["address_width"])
-    if base_address % size or not 0 <= base_address < 1 << 32:
-        raise ValueError(
-            f"base_address must be a multiple of {size:#x}, the size of the core, of 32 bits, "
-            f"not {base_address:#x}"
-        )
-    if not FIRST_SHARED <= interrupt < 1020:
-        raise ValueError(f"interrupt must be between {FIRST_SHARED} and 1019, not {interrupt!r}")
+    name, address, clock = record["name"], record["base_address"], f"<&clkc {_FCLK0}>"
     return f"""\
 // Device tree overlay for the UKF core on a Zynq-7000. Generated, do not edit.
 /dts-v1/;
@@ -49,14 +36,21 @@ def device_tree(record: dict[str, Any], *, base_address: int, interrupt: int) ->
 	#address-cells = <1>;
 	#size-cells = <1>;
 
-	{record["name"]}@{base_address:x} {{
+	{name}@{address:x} {{
 		compatible = "ukf,ukf-core-{record["version"]}", "generic-uio";
-		reg = <{base_address:#x} {size:#x}>;
+		reg = <{address:#x} {record["address_range"]:#x}>;
 		interrupt-parent = <&intc>;
 		// Shared peripheral interrupt, high level.
-		interrupts = <0 {interrupt - FIRST_SHARED} 4>;
-		// FCLK0.
-		clocks = <&clkc 15>;
+		interrupts = <0 {record["interrupt"] - FIRST_SHARED} 4>;
+		// FCLK0, in Hz.
+		assigned-clocks = {clock};
+		assigned-clock-rates = <{record["clock_hz"]}>;
+	}};
+
+	// Keeps FCLK0 running.
+	{name}_clock {{
+		compatible = "xlnx,fclk";
+		clocks = {clock};
 	}};
 }};
 """

@@ -103,7 +103,11 @@ def register_page(record: dict[str, Any]) -> str:
     record
         Description of the core.
     """
-    return f"# Registers of {record['name']}\n\n{register_map(record)}"
+    place = (
+        f"At {record['base_address']:#x} in the system, interrupt {record['interrupt']}, "
+        f"clock {record['clock_hz'] / 1e6:g} MHz; macros in C begin with `{record['c_prefix']}_`."
+    )
+    return f"# Registers of {record['name']}\n\n{place}\n\n{register_map(record)}"
 
 
 def _names(flags: Flag) -> str:

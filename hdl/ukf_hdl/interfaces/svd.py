@@ -69,17 +69,26 @@ def _register(parent: Element, register: dict[str, Any]) -> None:
         _field(fields, register["name"], field)
 
 
-def svd(record: dict[str, Any], *, base_address: int, interrupt: int) -> str:
+def _peripheral(record: dict[str, Any]) -> str:
+    """Describe what is there: the buffer's matrices as well, which no register is."""
+    regions = " ".join(
+        f"{region['symbol']}, {region['rows']} x {region['columns']} from {region['base']:#x} on: "
+        f"{region['doc']}"
+        for region in record["regions"]
+    )
+    return (
+        f"Control and status; the buffer follows. Its element (i, j) is at base + "
+        f"i * {record['row_stride']:#x} + j * {record['element_bytes']}. {regions}"
+    )
+
+
+def svd(record: dict[str, Any]) -> str:
     """Render the registers as a CMSIS-SVD device of one peripheral, schema version 1.3.
 
     Parameters
     ----------
     record
         Description of the core.
-    base_address
-        Where the core is on the bus of the system.
-    interrupt
-        Number of its interrupt at the interrupt controller of the system.
     """
     device = ElementTree.Element(
         "device",
@@ -105,9 +114,9 @@ def svd(record: dict[str, Any], *, base_address: int, interrupt: int) -> str:
     peripheral = _add(
         ElementTree.SubElement(ElementTree.SubElement(device, "peripherals"), "peripheral"),
         {
-            "name": "UKF",
-            "description": "Control and status; the buffer follows.",
-            "baseAddress": f"{base_address:#x}",
+            "name": record["c_prefix"],
+            "description": _peripheral(record),
+            "baseAddress": f"{record['base_address']:#x}",
         },
     )
     for offset, size, usage in (
@@ -124,7 +133,11 @@ def svd(record: dict[str, Any], *, base_address: int, interrupt: int) -> str:
         )
     _add(
         ElementTree.SubElement(peripheral, "interrupt"),
-        {"name": "UKF", "description": "Enabled events are pending.", "value": interrupt},
+        {
+            "name": record["c_prefix"],
+            "description": "Enabled events are pending.",
+            "value": record["interrupt"],
+        },
     )
     registers = ElementTree.SubElement(peripheral, "registers")
     for register in record["registers"]:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ukf_hdl.instance import Instance
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -14,17 +15,18 @@ from ukf_tools.cli.console import (
     print_files,
     progress_bars,
 )
+from ukf_tools.cli.instance import (
+    BASE_ADDRESS,
+    USUAL,
+    BaseAddressOption,
+    ClockOption,
+    CoreInterruptOption,
+    NameOption,
+    read_address,
+)
 from ukf_tools.cli.options import with_core
 
 __all__ = ["generate"]
-
-
-def _address(text: str) -> int:
-    """Read a number, decimal or as 0x..."""
-    try:
-        return int(text, 0)
-    except ValueError as error:
-        raise ValueError(f"--base-address must be a number, as 0x43c00000, not {text!r}") from error
 
 
 @needs("hdl")
@@ -34,15 +36,10 @@ def generate(
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/rtl"
     ),
-    base_address: Annotated[
-        str,
-        typer.Option(
-            "--base-address", metavar="ADDRESS", help="Of the core in the system, in bytes."
-        ),
-    ] = "0x43c00000",
-    interrupt: Annotated[
-        int, typer.Option("--interrupt", help="Number at the interrupt controller.")
-    ] = 61,
+    name: NameOption = USUAL.name,
+    base_address: BaseAddressOption = BASE_ADDRESS,
+    interrupt: CoreInterruptOption = USUAL.interrupt,
+    clock_mhz: ClockOption = USUAL.clock_mhz,
     as_json: JsonOption = False,
 ) -> None:
     """Write the core: Verilog, register map as JSON, SVD, device tree, Markdown; and its C driver.
@@ -51,17 +48,20 @@ def generate(
     """
     if output.exists() and not output.is_dir():
         fail(f"--output must be a folder, not the file {str(output)!r}")
+    with checked():
+        instance = Instance(
+            name=name,
+            base_address=read_address(base_address),
+            interrupt=interrupt,
+            clock_mhz=clock_mhz,
+        )
     from ukf_hdl.generate import generate as write
 
-    with checked():
-        address = _address(base_address)
     with progress_bars(counted=False) as bars:
         bars.add_task("Generating", total=None)
         try:
             with checked():
-                files = write(
-                    core.params, core.pipeline, output, base_address=address, interrupt=interrupt
-                )
+                files = write(core.params, core.pipeline, output, instance=instance)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)

@@ -6,16 +6,27 @@ from typing import Annotated
 
 import typer
 
-from ukf_hdl.packaging.boards import BOARDS
+from ukf_hdl.instance import Instance
+from ukf_hdl.packaging.boards import BOARDS, find_board
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
+    checked,
     fail,
     needs,
     print_files,
     print_json,
     progress_bars,
     results,
+)
+from ukf_tools.cli.instance import (
+    BASE_ADDRESS,
+    USUAL,
+    BaseAddressOption,
+    ClockOption,
+    CoreInterruptOption,
+    NameOption,
+    read_address,
 )
 from ukf_tools.cli.options import SeedOption, with_core
 
@@ -31,21 +42,41 @@ def _folder(output: Path) -> None:
 @with_core
 def package(
     core: Core,
-    board: Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")],
+    board: Annotated[
+        str | None, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")
+    ] = None,
+    part: Annotated[
+        str | None,
+        typer.Option(
+            "--part",
+            help="Zynq-7000 in the place of a board, as xc7z045ffg900-2: pins and memory of the "
+            "system are then yours to set.",
+        ),
+    ] = None,
     output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
         "build/package"
     ),
     check: Annotated[
         bool, typer.Option("--check/--no-check", help="Run the scripts on a model of Vivado.")
     ] = True,
+    name: NameOption = USUAL.name,
+    base_address: BaseAddressOption = BASE_ADDRESS,
+    interrupt: CoreInterruptOption = USUAL.interrupt,
+    clock_mhz: ClockOption = USUAL.clock_mhz,
     as_json: JsonOption = False,
 ) -> None:
     """Write the core with its C driver, scripts for Vivado, constraints, and device tree overlay.
 
     Vivado has not run the scripts: they are checked on a model of its commands.
     """
-    if board not in BOARDS:
-        fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
+    with checked():
+        target = find_board(board, part)
+        instance = Instance(
+            name=name,
+            base_address=read_address(base_address),
+            interrupt=interrupt,
+            clock_mhz=clock_mhz,
+        )
     _folder(output)
     if check:
         try:
@@ -59,8 +90,9 @@ def package(
     with progress_bars(counted=False) as bars:
         bars.add_task("Packaging", total=None)
         try:
-            files = write(core.params, core.pipeline, BOARDS[board], output)
-            checked = check_package(output) if check else None
+            with checked():
+                files = write(core.params, core.pipeline, target, output, instance=instance)
+            found = check_package(output) if check else None
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
         except ScriptError as error:
@@ -68,14 +100,15 @@ def package(
     if as_json:
         print_json({
             "files": [str(file) for file in files],
-            "checked": None if checked is None else vars(checked),
+            "checked": None if found is None else vars(found),
         })  # fmt: skip
         return
     print_files(files)
-    if checked is not None:
+    if found is not None:
         results.print(
-            f"Scripts: {checked.commands} commands on a model of Vivado, no mistake found; "
-            f"core at {checked.address:#x}, {checked.size} bytes",
+            f"Scripts: {found.commands} commands on a model of Vivado "
+            f"{' and '.join(found.versions)}, no mistake found; "
+            f"core at {found.address:#x}, {found.size} bytes, interrupt {found.interrupt}",
             highlight=False, soft_wrap=True,
         )  # fmt: skip
 
@@ -89,6 +122,7 @@ def write_testbench(
     ),
     steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations of the filter.")] = 3,
     seed: SeedOption = 0,
+    name: NameOption = USUAL.name,
     as_json: JsonOption = False,
 ) -> None:
     """Write a testbench in Verilog that replays the golden model's bus and compares every word.
@@ -101,7 +135,7 @@ def write_testbench(
 
     try:
         recipe = Recipe(name=core.configuration, params=core.params, seed=seed)
-        files = write(recipe, steps, output)
+        files = write(recipe, steps, output, name=Instance(name=name).name)
     except ValueError as error:
         fail(str(error))
     except OSError as error:

@@ -7,12 +7,12 @@ __all__ = [
     "AXI",
     "BOARD_PARTS",
     "CATALOGUE",
-    "PARTS",
     "PS7",
     "Ip",
     "Port",
     "ScriptError",
     "core_of_verilog",
+    "is_part",
 ]
 
 
@@ -22,7 +22,7 @@ class ScriptError(Exception):
 
 @dataclass(kw_only=True)
 class Port:
-    """A pin of a cell: "in" or "out", and what it carries."""
+    """A pin of a cell: "in" or "out", and what it carries; "any" takes what its driver carries."""
 
     direction: str
     kind: str = "data"
@@ -41,8 +41,8 @@ class Ip:
     config: dict[str, str] = field(default_factory=dict)
     spaces: dict[str, tuple[int, int]] = field(default_factory=dict)
     segments: dict[str, int] = field(default_factory=dict)
-    #: Pins and interfaces that exist only while properties have these values.
-    exists: dict[str, dict[str, str]] = field(default_factory=dict)
+    #: Pins and interfaces that exist only while properties have one of these values.
+    exists: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)
 
 
 def _clock() -> Port:
@@ -65,11 +65,11 @@ PS7 = Ip(
     # The window of M_AXI_GP0 (UG585, system address map).
     spaces={"Data": (0x4000_0000, 0x7FFF_FFFF)},
     exists={
-        "M_AXI_GP0": {"PCW_USE_M_AXI_GP0": "1"},
-        "M_AXI_GP0_ACLK": {"PCW_USE_M_AXI_GP0": "1"},
-        "FCLK_CLK0": {"PCW_EN_CLK0_PORT": "1"},
-        "FCLK_RESET0_N": {"PCW_EN_RST0_PORT": "1"},
-        "IRQ_F2P": {"PCW_USE_FABRIC_INTERRUPT": "1", "PCW_IRQ_F2P_INTR": "1"},
+        "M_AXI_GP0": {"PCW_USE_M_AXI_GP0": ("1",)},
+        "M_AXI_GP0_ACLK": {"PCW_USE_M_AXI_GP0": ("1",)},
+        "FCLK_CLK0": {"PCW_EN_CLK0_PORT": ("1",)},
+        "FCLK_RESET0_N": {"PCW_EN_RST0_PORT": ("1",)},
+        "IRQ_F2P": {"PCW_USE_FABRIC_INTERRUPT": ("1",), "PCW_IRQ_F2P_INTR": ("1",)},
     },
 )  # fmt: skip
 _RESET = Ip(
@@ -91,17 +91,38 @@ _SMARTCONNECT = Ip(
     interfaces={"S00_AXI": ("slave", "aclk"), "M00_AXI": ("master", "aclk")},
     config={"NUM_SI": "1", "NUM_MI": "1"},
 )
+_LINES = range(16)
+_CONCAT = Ip(
+    pins={
+        **{f"In{k}": Port(direction="in", kind="any") for k in _LINES},
+        "dout": Port(direction="out", kind="interrupt"),
+    },
+    config={"NUM_PORTS": "2"},
+    exists={f"In{k}": {"NUM_PORTS": tuple(str(n + 1) for n in _LINES[k:])} for k in _LINES},
+)
+_CONSTANT = Ip(pins={"dout": Port(direction="out")}, config={"CONST_WIDTH": "1", "CONST_VAL": "1"})
 CATALOGUE = {
     "xilinx.com:ip:processing_system7:5.5": PS7,
     "xilinx.com:ip:proc_sys_reset:5.0": _RESET,
     "xilinx.com:ip:smartconnect:1.0": _SMARTCONNECT,
+    "xilinx.com:ip:xlconcat:2.1": _CONCAT,
+    "xilinx.com:ip:xlconstant:1.1": _CONSTANT,
 }
-#: Board files that are supposed to be installed.
+#: Board files of AMD's store, with their devices (on GitHub: Avnet/bdf, Xilinx/XilinxBoardStore).
+#: PYNQ-Z2's came to the store in September 2022. None of them comes with Vivado.
 BOARD_PARTS = {
+    "avnet.com:zedboard:part0:1.3": "xc7z020clg484-1",
     "avnet.com:zedboard:part0:1.4": "xc7z020clg484-1",
+    "Avnet-tria:zedboard:part0:1.5": "xc7z020clg484-1",
     "tul.com.tw:pynq-z2:part0:1.0": "xc7z020clg400-1",
 }
-PARTS = frozenset(BOARD_PARTS.values())
+
+
+def is_part(name: str) -> bool:
+    """Whether a device is a Zynq-7000, of which the block design is."""
+    return re.fullmatch(r"x[acq]7z\d{3}s?[a-z]+\d+-[123][a-z]*", name) is not None
+
+
 #: Signals of AXI4-Lite that a slave must have.
 AXI = frozenset(
     [

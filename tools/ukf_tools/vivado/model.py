@@ -3,21 +3,21 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from fnmatch import fnmatch
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
 from ukf_tools.vivado.ips import (
     BOARD_PARTS,
     CATALOGUE,
-    PARTS,
     PS7,
     Ip,
     Port,
     ScriptError,
     core_of_verilog,
+    is_part,
 )
-from ukf_tools.vivado.options import OPTIONS
 
 __all__ = ["Vivado"]
 
@@ -31,13 +31,32 @@ class _Arguments:
     flags: set[str]
 
 
-class Vivado:
-    """The model."""
+def _numbers(version: str) -> tuple[int, ...]:
+    """Version as numbers: 1.10 comes after 1.9."""
+    return tuple(map(int, version.split(".")))
 
-    def __init__(self, folder: Path) -> None:
+
+_RUNS = ("synth_1", "impl_1")
+#: Where the board store is installed to.
+_STORE = "/home/user/.Xilinx/xhub/board_store/boards"
+
+
+class Vivado:
+    """The model.
+
+    Parameters
+    ----------
+    folder
+        A package.
+    version
+        Version of Vivado, one of :data:`ukf_tools.vivado.commands.VERSIONS`.
+    """
+
+    def __init__(self, folder: Path, version: str = VERSIONS[-1]) -> None:
         import tkinter
 
         self.folder = folder
+        self.version = version
         self.tcl = tkinter.Tcl()
         self.commands = 0
         self.error: ScriptError | None = None
@@ -45,6 +64,9 @@ class Vivado:
         self.part = ""
         self.repositories: list[str] = []
         self.board_part = ""
+        self.parameters = {"board.repoPaths": ""}
+        self.refreshed = False
+        self.installed: list[str] = []
         self.added: dict[str, Path] = {}
         self.top = ""
         self.catalogue = dict(CATALOGUE)
@@ -63,13 +85,13 @@ class Vivado:
     # Plumbing.
 
     def _define(self) -> None:
-        self.tcl.eval("namespace eval ipx {}; rename file _file")
+        self.tcl.eval("namespace eval ipx {}; namespace eval xhub {}; rename file _file")
         self.tcl.eval(
             "proc file {action args} { if {$action in {copy delete mkdir rename}} "
             "{ model_file $action {*}$args } else { uplevel 1 [list _file $action {*}$args] } }"
         )
         handlers = {
-            name.removeprefix("do_").replace("ipx__", "ipx::"): getattr(self, name)
+            name.removeprefix("do_").replace("__", "::"): getattr(self, name)
             for name in dir(self)
             if name.startswith("do_")
         }
@@ -78,17 +100,20 @@ class Vivado:
         self.tcl.createcommand("model_file", self._file)
 
     def _counted(self, name: str, handler: Callable[[_Arguments], Any]) -> Callable[..., str]:
-        valued, flags = OPTIONS[name]
+        entry = COMMANDS[name]
 
         def call(*words: Any) -> str:
             self.commands += 1
+            if self.version in entry.lacking:
+                self.error = ScriptError(f"Vivado {self.version} has no {name}")
+                raise self.error
             texts = [str(word) for word in words]
             arguments = _Arguments([], {}, set())
             rest = iter(texts)
             for text in rest:
-                if text in valued:
+                if text in entry.valued:
                     arguments.options[text] = next(rest, "")
-                elif text in flags:
+                elif text in entry.flags:
                     arguments.flags.add(text)
                 elif re.match(r"-[a-z]", text):
                     self.error = ScriptError(f"{name} has no option {text}")
@@ -140,7 +165,7 @@ class Vivado:
 
     def do_create_project(self, a: _Arguments) -> None:
         self.part = a.options.get("-part", "")
-        if self.part not in PARTS:
+        if not is_part(self.part):
             raise ScriptError(f"there is no part {self.part!r}")
         if self.project is not None:
             raise ScriptError(f"the project {self.project} is still open")
@@ -171,7 +196,8 @@ class Vivado:
 
     def _constrain(self, path: Path) -> None:
         """Read constraints: their ports must be ports of the core."""
-        core = core_of_verilog((self.folder / "rtl" / "ukf_core.v").read_text(), "ukf_core")
+        name = str(self.tcl.eval("set core_name"))
+        core = core_of_verilog((self.folder / "rtl" / f"{name}.v").read_text("utf-8"), name)
         for line in path.read_text(encoding="utf-8").splitlines():
             if not line or line.startswith("#"):
                 continue
@@ -190,8 +216,48 @@ class Vivado:
         if a.options.get("-fileset") != "sources_1":
             raise ScriptError(f"there is no fileset {a.options.get('-fileset')}")
 
+    # Boards.
+
+    def do_set_param(self, a: _Arguments) -> None:
+        name, value = a.plain
+        self._known("parameter", name)
+        self.parameters[name] = value
+
+    def do_get_param(self, a: _Arguments) -> str:
+        self._known("parameter", a.plain[0])
+        return self.parameters[a.plain[0]]
+
     def do_get_board_parts(self, a: _Arguments) -> str:
-        return " ".join(part for part in BOARD_PARTS if fnmatch(part, a.plain[0]))
+        if _STORE not in self._list(self.parameters["board.repoPaths"]):
+            return ""  # only in its window does Vivado look there by itself
+        pattern, latest = a.plain[0], dict[str, str]()
+        fold = str.lower if "-nocase" in a.flags else str
+        found = [part for part in BOARD_PARTS if fnmatchcase(fold(part), fold(pattern))]
+        if "-latest_file_version" not in a.flags:
+            return " ".join(found)
+        for part in found:
+            board, _, version = part.rpartition(":")
+            if board not in latest or _numbers(version) > _numbers(latest[board]):
+                latest[board] = version
+        return " ".join(f"{board}:{version}" for board, version in latest.items())
+
+    def do_xhub__get_xstores(self, a: _Arguments) -> str:
+        if a.plain != ["xilinx_board_store"]:
+            raise ScriptError(f"there is no store {a.plain}")
+        return "store"
+
+    def do_xhub__refresh_catalog(self, a: _Arguments) -> None:
+        self.refreshed = a.plain == ["store"]
+
+    def do_xhub__get_xitems(self, a: _Arguments) -> str:
+        if not self.refreshed:
+            raise ScriptError("the catalogue of the store must be refreshed first")
+        items = {":".join((*part.split(":")[:2], part.split(":")[3])) for part in BOARD_PARTS}
+        names = [item.replace(":", ":xilinx_board_store:", 1) for item in sorted(items)]
+        return " ".join(name for name in names if fnmatchcase(name, a.plain[0]))
+
+    def do_xhub__install(self, a: _Arguments) -> None:
+        self.installed += self._list(a.plain[0])
 
     def do_update_ip_catalog(self, a: _Arguments) -> None:
         self._open_project()
@@ -289,52 +355,61 @@ class Vivado:
         for name, value in pairs:
             self._set(objects[0], name, value)
 
+    def _known(self, kind: str, name: str) -> None:
+        """Check that objects of a kind have a property."""
+        if (kind, name) not in PROPERTIES:
+            raise ScriptError(f"a {kind} has no property {name}")
+
     def _set(self, what: str, name: str, value: str) -> None:
-        kind = what.partition(":")[0]
         if what in self.cells:
             config = self.cells[what][1]
             key = name.removeprefix("CONFIG.")
             if not name.startswith("CONFIG.") or key not in config:
                 raise ScriptError(f"{what} has no property {name}")
             config[key] = value
-        elif what == "project" and name == "board_part":
-            if BOARD_PARTS.get(value) != self.part:
-                raise ScriptError(f"the board {value} does not have the part {self.part}")
-            self.board_part = value
-        elif what == "project" and name == "ip_repo_paths":
-            self.repositories = self._list(value)
-        elif what == "fileset" and name == "top":
-            self.top = value
-        elif what == "core" and name in (
-            "name", "version", "display_name", "description", "supported_families",
-        ):  # fmt: skip
-            self.packaged[name] = value
-            if name == "supported_families" and "zynq" not in value:
-                raise ScriptError("supported_families must have zynq")
-        elif kind == "interface" and name == "slave_memory_map_ref":
-            if value not in self.packaged["maps"]:
-                raise ScriptError(f"there is no memory map {value}")
-        elif kind == "block" and name in ("range", "width", "usage"):
-            if name == "range":
-                self.packaged["blocks"][what.removeprefix("block:")] = int(value, 0)
-        elif what in self.added and name == "USED_IN":
-            if set(value.split()) - {"synthesis", "implementation", "out_of_context"}:
-                raise ScriptError(f"USED_IN must not be {value!r}")
-        else:
-            raise ScriptError(f"{what!r} has no property {name}")
+            return
+        kind, _, of = what.partition(":")
+        kind = "file" if what in self.added else kind
+        self._known(kind, name)
+        match kind, name:
+            case "project", "board_part":
+                if BOARD_PARTS.get(value) != self.part:
+                    raise ScriptError(f"the board {value} does not have the part {self.part}")
+                self.board_part = value
+            case "project", _:
+                self.repositories = self._list(value)
+            case "fileset", _:
+                self.top = value
+            case "core", _:
+                self.packaged[name] = value
+                if name == "supported_families" and "zynq" not in value:
+                    raise ScriptError("supported_families must have zynq")
+            case "interface", _:
+                if value not in self.packaged["maps"]:
+                    raise ScriptError(f"there is no memory map {value}")
+            case "block", "range":
+                self.packaged["blocks"][of] = int(value, 0)
+            case "file", _:
+                if set(value.split()) - {"synthesis", "implementation", "out_of_context"}:
+                    raise ScriptError(f"USED_IN must not be {value!r}")
+            case _:
+                pass
 
     def do_get_property(self, a: _Arguments) -> str:
-        values = {"PROGRESS": "100%", "STATUS": "write_bitstream Complete!", "SLACK": "0.5"}
-        if a.plain[0] not in values:
-            raise ScriptError(f"{a.plain[1]!r} has no property {a.plain[0]}")
-        return values[a.plain[0]]
+        name, what = a.plain
+        kind = "run" if what in _RUNS else what
+        self._known(kind, name)
+        return {
+            "PROGRESS": "100%",
+            "STATUS": "write_bitstream Complete!",
+            "SLACK": "0.5",
+            "LOCAL_ROOT_DIR": _STORE,
+        }[name]
 
     # Block design.
 
     def do_create_bd_design(self, a: _Arguments) -> None:
         self._open_project()
-        if not self.board_part:
-            raise ScriptError("board_part must be set before the preset is used")
         self.design = a.plain[0]
         self.added[f"{self.design}.bd"] = self.folder
         self.cells = {}
@@ -356,11 +431,12 @@ class Vivado:
             raise ScriptError(f"there is no rule {rule} for {a.plain}")
         words = self._list(a.options["-config"])
         config = dict(zip(words[::2], words[1::2], strict=True))
-        if config != {
-            "make_external": "FIXED_IO, DDR", "apply_board_preset": "1",
-            "Master": "Disable", "Slave": "Disable",
-        }:  # fmt: skip
+        preset = config.pop("apply_board_preset", "")
+        known = {"make_external": "FIXED_IO, DDR", "Master": "Disable", "Slave": "Disable"}
+        if config != known or preset not in ("0", "1"):
             raise ScriptError(f"the rule does not know {config}")
+        if bool(self.board_part) != (preset == "1"):
+            raise ScriptError("a preset needs a board, and a board has one")
         if self.cells.get(a.plain[0], (None,))[0] is not PS7:
             raise ScriptError(f"{a.plain[0]} is no processing system")
         self.preset = True
@@ -374,9 +450,9 @@ class Vivado:
         needs = ip.exists.get(name, {})
         if name not in known:
             raise ScriptError(f"{cell} has no {kind} {name}")
-        for key, value in needs.items():
-            if config[key] != value:
-                raise ScriptError(f"{cell} has the {kind} {name} only with {key} = {value}")
+        for key, values in needs.items():
+            if config[key] not in values:
+                raise ScriptError(f"{cell} has the {kind} {name} only with {key} = {values[0]}")
         return path
 
     def do_get_bd_pins(self, a: _Arguments) -> str:
@@ -412,7 +488,7 @@ class Vivado:
         driver = self._port(drivers[0])
         for pin in net:
             port = self._port(pin)
-            if port.kind != driver.kind:
+            if port.kind not in ("any", driver.kind):
                 raise ScriptError(f"{pin} is a {port.kind}, {drivers[0]} a {driver.kind}")
             if port.kind == "reset" and port.active_low != driver.active_low:
                 raise ScriptError(f"{pin} must not have the polarity of {drivers[0]}")
@@ -451,13 +527,28 @@ class Vivado:
                 return net
         return []
 
+    def interrupt(self) -> int:
+        """Number, at the processor's controller, of what drives its interrupts."""
+        (processor,) = (cell for cell, (ip, _) in self.cells.items() if ip is PS7)
+        (line,) = self._sources(f"{processor}/IRQ_F2P")
+        return 61 + line if line < 8 else 84 + line - 8  # UG585, table of the shared interrupts
+
+    def _sources(self, pin: str) -> list[int]:
+        """Bits of a pin that are interrupts of a cell, not constant."""
+        driver = next(other for other in self._net(pin) if self._port(other).direction == "out")
+        cell = driver.rpartition("/")[0]
+        width = int(self.cells[cell][1].get("NUM_PORTS", "0"))
+        if not width:
+            return [0] if self._port(driver).kind == "interrupt" else []
+        return [bit for bit in range(width) if self._sources(f"{cell}/In{bit}")]
+
     def do_validate_bd_design(self, a: _Arguments) -> None:
         if not self.preset:
             raise ScriptError("the processing system must have its preset")
         for cell, (ip, config) in self.cells.items():
             there = {
                 name for name in (*ip.pins, *ip.interfaces)
-                if all(config[k] == v for k, v in ip.exists.get(name, {}).items())
+                if all(config[k] in values for k, values in ip.exists.get(name, {}).items())
             }  # fmt: skip
             for name, port in ip.pins.items():
                 if name not in there:
@@ -499,7 +590,7 @@ class Vivado:
             raise ScriptError(f"there is no target {a.plain}")
 
     def _run(self, name: str) -> None:
-        if name not in ("synth_1", "impl_1"):
+        if name not in _RUNS:
             raise ScriptError(f"there is no run {name}")
 
     def do_launch_runs(self, a: _Arguments) -> None:
@@ -508,10 +599,12 @@ class Vivado:
             raise ScriptError(f"the top must be the wrapper, not {self.top!r}")
         self.done.append(a.options.get("-to_step", a.plain[0]))
 
-    def do_wait_on_runs(self, a: _Arguments) -> None:
+    def do_wait_on_run(self, a: _Arguments) -> None:
         self._run(a.plain[0])
         if not self.done:
             raise ScriptError("no run was launched")
+
+    do_wait_on_runs = do_wait_on_run
 
     def do_get_runs(self, a: _Arguments) -> str:
         self._run(a.plain[0])
@@ -530,6 +623,19 @@ class Vivado:
         if a.options.get("-delay_type", "max") not in ("max", "min", "min_max"):
             raise ScriptError(f"there are no delays {a.options['-delay_type']}")
         return "path"
+
+    def do_write_cfgmem(self, a: _Arguments) -> None:
+        how, first, source = self._list(a.options["-loadbit"])
+        if (how, int(first, 0)) != ("up", 0) or Path(source).name not in self.outputs:
+            raise ScriptError(f"there is no bitstream {source}")
+        size = int(a.options["-size"])
+        if size < 1 or size & (size - 1):
+            raise ScriptError(f"-size must be a power of 2, not {size}")
+        kind = a.options["-format"].upper(), a.options.get("-interface", "SMAPx8").upper()
+        # What drivers/fpga/zynq-fpga.c of Linux takes.
+        if kind != ("BIN", "SMAPX32") or "-disablebitswap" not in a.flags:
+            raise ScriptError(f"{Path(a.plain[0]).name} must have the byte order of Linux")
+        self.outputs.add(Path(a.plain[0]).name)
 
     def do_write_hw_platform(self, a: _Arguments) -> None:
         self.outputs.add(Path(a.options["-file"]).name)

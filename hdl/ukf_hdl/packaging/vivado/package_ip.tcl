@@ -16,7 +16,7 @@ set core [ipx::current_core]
 set_property -dict [list \
     name $core_name \
     version $core_version \
-    display_name {UKF core} \
+    display_name "UKF core $core_name" \
     description $core_description \
     supported_families {zynq Production} \
 ] $core
