@@ -58,8 +58,8 @@ def generate_stub(params, folder):
 def test_files_are_named_after_the_core(tmp_path):
     paths = generate_stub(SMALLEST, tmp_path / "new" / "folder")
     names = [path.relative_to(tmp_path / "new" / "folder").as_posix() for path in paths]
-    assert names[:5] == [f"ukf_core.{kind}" for kind in ("v", "json", "svd", "dtso", "md")]
-    assert names[5:7] == ["c/ukf_core.h", "c/ukf_registers.h"]
+    assert names[:6] == [f"ukf_core.{kind}" for kind in ("v", "vlt", "json", "svd", "dtso", "md")]
+    assert names[6:8] == ["c/ukf_core.h", "c/ukf_registers.h"]
     assert all(path.stat().st_size for path in paths)
 
 
@@ -135,7 +135,7 @@ def test_the_environment_is_left_as_it_was(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("params", CONFIGURATIONS)
 def test_description_is_that_of_the_hardware(params, tmp_path):
-    record = json.loads(generate_stub(params, tmp_path)[1].read_text(encoding="utf-8"))
+    record = json.loads(generate_stub(params, tmp_path)[2].read_text(encoding="utf-8"))
     assert record == description(stub_core(params))
     found = {
         register["name"]: (

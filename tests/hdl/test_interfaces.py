@@ -1,5 +1,6 @@
 """What software gets about a core: compiled, validated, read back, compared with the maps."""
 
+import json
 import re
 import shlex
 import shutil
@@ -13,7 +14,8 @@ from lxml import etree
 
 from support.stub_engine import StubEngine
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import BASE_ADDRESS, INTERRUPT, generate, interface_files
+from ukf_hdl.generate import generate, interface_files
+from ukf_hdl.instance import Instance
 from ukf_sw.c_sources import C_SOURCES
 from ukf_sw.problems.scenario_files import export_scenario
 from ukf_sw.problems.systems.nanosat import nanosat
@@ -41,14 +43,17 @@ needs_cxx = pytest.mark.skipif(shutil.which("g++") is None, reason="no C++ compi
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 
 
+USUAL = Instance()
+
+
 @cache
 def texts(params, **place):
-    return interface_files(UkfCore(params, engine=StubEngine(params)), **place)
+    return interface_files(UkfCore(params, engine=StubEngine(params)), Instance(**place))
 
 
-def write(params, folder):
+def write(params, folder, **place):
     """Write the files of a core; gives the folder of the C driver."""
-    for name, text in texts(params).items():
+    for name, text in texts(params, **place).items():
         file = folder / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
@@ -326,8 +331,8 @@ def test_svd_is_valid_and_says_what_the_map_says(params, schema, tmp_path):
     (tmp_path / "core.svd").write_bytes(text)
     device = SVDParser.for_xml_file(str(tmp_path / "core.svd")).get_device()
     (peripheral,) = device.peripherals
-    assert peripheral.base_address == BASE_ADDRESS
-    assert [interrupt.value for interrupt in peripheral.interrupts] == [INTERRUPT]
+    assert peripheral.base_address == USUAL.base_address
+    assert [interrupt.value for interrupt in peripheral.interrupts] == [USUAL.interrupt]
     blocks = [(block.offset, block.offset + block.size) for block in peripheral.address_blocks]
     memory_map = MemoryMap(params)
     assert blocks == [
@@ -421,13 +426,23 @@ def test_the_overlay_applies_to_a_zynq(params, tmp_path):
     merged = str(tmp_path / "merged.dtb")
     run("fdtoverlay", "-i", str(tmp_path / "base.dts.dtb"), "-o", merged,
         str(tmp_path / "core.dtso.dtb"))  # fmt: skip
-    node = f"/axi/ukf_core@{BASE_ADDRESS:x}"
+    node = f"/axi/ukf_core@{USUAL.base_address:x}"
     size = max(1 << MemoryMap(params).address_width, 4096)
-    assert run("fdtget", "-t", "x", merged, node, "reg") == [f"{BASE_ADDRESS:x}", f"{size:x}"]
-    assert run("fdtget", "-t", "u", merged, node, "interrupts") == ["0", str(INTERRUPT - 32), "4"]
+    assert run("fdtget", "-t", "x", merged, node, "reg") == [f"{USUAL.base_address:x}", f"{size:x}"]
+    assert run("fdtget", "-t", "u", merged, node, "interrupts") == [
+        "0",
+        str(USUAL.interrupt - 32),
+        "4",
+    ]
     assert run("fdtget", merged, node, "compatible")[-1] == "generic-uio"
     controller = run("fdtget", merged, "/axi/interrupt-controller@f8f01000", "phandle")
     assert run("fdtget", merged, node, "interrupt-parent") == controller
+    # Its clock has the right frequency, and stays on.
+    clocks = run("fdtget", merged, "/axi/clkc@f8000100", "phandle")
+    assert run("fdtget", "-t", "u", merged, node, "assigned-clocks") == [*clocks, "15"]
+    assert run("fdtget", "-t", "u", merged, node, "assigned-clock-rates") == ["100000000"]
+    assert run("fdtget", "-t", "u", merged, "/axi/ukf_core_clock", "clocks") == [*clocks, "15"]
+    assert run("fdtget", merged, "/axi/ukf_core_clock", "compatible") == ["xlnx,fclk"]
 
 
 PLACES = "base_address must be a multiple of {}, the size of the core, of 32 bits, not {}"
@@ -445,7 +460,10 @@ SHARED = "interrupt must be between 32 and 1019, not {}"
 )
 def test_the_place_in_the_system_is_checked(place, message, tmp_path):
     with pytest.raises(ValueError, match=f"^{message}$"):
-        generate(SMALLEST, Pipeline(), tmp_path / "core", engine=StubEngine(SMALLEST), **place)
+        generate(
+            SMALLEST, Pipeline(), tmp_path / "core", engine=StubEngine(SMALLEST),
+            instance=Instance(**place),
+        )  # fmt: skip
     assert not (tmp_path / "core").exists()
 
 
@@ -461,6 +479,130 @@ def test_the_place_in_the_system_is_in_the_files():
     assert "interrupts = <0 52 4>;" in found["ukf_core.dtso"]
     assert "<baseAddress>0x40000000</baseAddress>" in found["ukf_core.svd"]
     assert "<value>84</value>" in found["ukf_core.svd"]
+    assert "#define UKF_BASE_ADDRESS 0x40000000u\n" in found["c/ukf_core.h"]
+    assert "#define UKF_INTERRUPT 84u\n" in found["c/ukf_core.h"]
+    assert "At 0x40000000 in the system, interrupt 84, clock 100 MHz" in found["ukf_core.md"]
+    record = json.loads(found["ukf_core.json"])
+    assert (record["base_address"], record["interrupt"]) == (0x4000_0000, 84)
+    assert (record["clock_hz"], record["address_range"]) == (100_000_000, 4096)
+
+
+# Names.
+
+#: Two cores of one system.
+PAIR = {
+    "left": (SMALLEST, {"base_address": 0x43C0_0000, "interrupt": 61}),
+    "right": (NANOSAT, {"base_address": 0x43C1_0000, "interrupt": 62}),
+}
+
+TWO_CORES = """\
+#include <stdio.h>
+#include <left.h>
+#include <right.h>
+#include <ukf_filter.h>
+
+static const struct ukf_core left = LEFT_CORE_INITIALISER;
+static const struct ukf_core right = RIGHT_CORE_INITIALISER;
+
+int main(void)
+{
+    printf("%u %u %u %u\\n", (unsigned)left.n, LEFT_N, (unsigned)right.n, RIGHT_N);
+    printf("%x %u %x %u\\n", LEFT_BASE_ADDRESS, LEFT_INTERRUPT, RIGHT_BASE_ADDRESS,
+           RIGHT_INTERRUPT);
+    return 0;
+}
+"""
+
+
+@needs_cc
+@needs_cxx
+@pytest.mark.parametrize(("language", "standard"), [("c", "c99"), ("c", "c11"), ("c++", "c++17")])
+def test_one_program_has_two_cores(language, standard, tmp_path):
+    """Their headers say nothing twice, and the driver is one."""
+    for name, (params, place) in PAIR.items():
+        folder = write(params, tmp_path, name=name, **place)
+    assert "UKF_N" not in (folder / "left.h").read_text()
+    (folder / "main.c").write_text(TWO_CORES)
+    compiler = "gcc" if language == "c" else "g++"
+    result = subprocess.run(
+        [compiler, "-x", language, f"-std={standard}", *STRICT, "-I.", "main.c"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    done = subprocess.run([str(folder / "a.out")], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["1 1 7 7", "43c00000 61 43c10000 62"]
+
+
+def test_two_cores_have_no_name_in_common():
+    (left, a), (right, b) = PAIR.values()
+    ours = texts(left, name="left", **a), texts(right, name="right", **b)
+    common = set(ours[0]) & set(ours[1])
+    assert all(name.startswith("c/") for name in common)
+    # What both have is the same in both: the driver.
+    assert all(ours[0][name] == ours[1][name] for name in common)
+    pairs = list(zip(PAIR, ours, strict=True))
+    defined = [set(re.findall(r"#define (\w+)", text[f"c/{name}.h"])) for name, text in pairs]
+    assert not defined[0] & defined[1]
+    assert not (defined[0] | defined[1]) & set(
+        re.findall(r"#define (\w+)", ours[0]["c/ukf_registers.h"])
+    )
+    nodes = [re.findall(r"^\t(\w[\w@]*) \{", text[f"{name}.dtso"], re.M) for name, text in pairs]
+    assert nodes == [
+        ["left@43c00000", "left_clock"], ["right@43c10000", "right_clock"],
+    ]  # fmt: skip
+    for name, text in pairs:
+        peripheral = text[f"{name}.svd"].split("<peripheral>")[1]
+        assert f"<name>{name.upper()}</name>" in peripheral
+
+
+FORM = (
+    "name must be at most 31 lower-case letters, digits and single underscores, beginning with "
+    "a letter, not {!r}"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        *((name, FORM.format(name)) for name in (
+            "", "Left", "2nd", "_left", "left_", "a__b", "a b", "a-b", "\u00fcber", "a" * 32, "a\n",
+        )),
+        ("module", "name must not be 'module', a keyword of Verilog"),
+        ("logic", "name must not be 'logic', a keyword of Verilog"),
+        ("signal", "name must not be 'signal', a keyword of VHDL"),
+        ("register", "name must not be 'register', a keyword of Verilog"),
+        ("typedef", "name must not be 'typedef', a keyword of Verilog"),
+        ("sizeof", "name must not be 'sizeof', a keyword of C"),
+        ("math", "name must not be 'math', a header of the C library"),
+        ("ukf_registers", "name must not be 'ukf_registers', which the C driver has"),
+        ("ukf_driver", "name must not be 'ukf_driver', which the C driver has"),
+        ("uio", "name must not be 'uio', which the C driver has"),
+        ("ukf", "name must not be 'ukf', which the C driver has"),
+    ],
+)  # fmt: skip
+def test_names_that_a_core_cannot_have(name, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        Instance(name=name)
+
+
+@pytest.mark.parametrize("name", ["a", "left", "core_2", "nanosat", "ukf_port_uio", "a" * 31])
+def test_names_that_a_core_can_have(name):
+    assert Instance(name=name).prefix == name.upper()
+
+
+@pytest.mark.parametrize(
+    ("place", "error", "message"),
+    [
+        ({"name": 1}, TypeError, "name must be a str, not 1"),
+        ({"base_address": "0x4"}, TypeError, "base_address must be an int, not '0x4'"),
+        ({"interrupt": True}, TypeError, "interrupt must be an int, not True"),
+        ({"clock_mhz": 0.5}, ValueError, "clock_mhz must be between 1 and 250, not 0.5"),
+        ({"clock_mhz": float("nan")}, ValueError, "clock_mhz must be between 1 and 250, not nan"),
+    ],
+)
+def test_instances_that_there_are_not(place, error, message):
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        Instance(**place)
 
 
 # Documentation.

@@ -104,7 +104,7 @@ def test_covariance_form_is_fast_enough(ukf, pes, limit):
 def test_generate(ukf, tmp_path):
     record = json.loads(ukf("generate", *TINY, "--output", "rtl", "--json").stdout)
     found = {path for path in record["files"] if not path.startswith("rtl/c/")}
-    assert found == {f"rtl/ukf_core.{kind}" for kind in ("dtso", "json", "md", "svd", "v")}
+    assert found == {f"rtl/ukf_core.{kind}" for kind in ("dtso", "json", "md", "svd", "v", "vlt")}
     for name in ("README.md", "ukf_core.h", "ukf_driver.c", "ukf_filter.h", "ports/uio.c"):
         assert f"rtl/c/{name}" in record["files"]
     assert all((tmp_path / path).stat().st_size for path in record["files"])
@@ -124,7 +124,7 @@ def test_generate_is_reproducible(ukf, tmp_path):
     for folder in ("a", "b"):
         ukf("generate", *TINY, "--format", "binary16", "--w0", "0.25", "--output", folder)
     files = [path for path in (tmp_path / "a").rglob("*") if path.is_file()]
-    assert len(files) == 7
+    assert len(files) == 8
     for file in files:
         other = tmp_path / "b" / file.relative_to(tmp_path / "a")
         assert file.read_bytes() == other.read_bytes()
