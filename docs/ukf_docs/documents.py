@@ -21,6 +21,7 @@ from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Form, Pipeline
 from ukf_sw.spec.sequence import Program
 from ukf_tools.design_report import paper_2018
+from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
 
 __all__ = ["DOCUMENTS", "make_sections"]
 
@@ -50,10 +51,30 @@ def _registers() -> str:
     return register_map(description(UkfCore(replace(NANOSAT, pes=2))))
 
 
+def _vivado() -> str:
+    """What the scripts use of Vivado, and where that was read."""
+    entries = [
+        *((f"`{name}`", entry) for name, entry in COMMANDS.items()),
+        *((f"`{name}` of a {kind}", entry) for (kind, name), entry in PROPERTIES.items()),
+    ]
+    rows = [
+        (
+            what,
+            " ".join(f"`{option}`" for option in sorted(entry.valued | entry.flags)) or "–",
+            *map(entry.status, VERSIONS),
+            entry.read,
+        )
+        for what, entry in entries
+    ]
+    headings = ("Command or property", "Options", VERSIONS[0], VERSIONS[-1][:4], "Read in")
+    return table(headings, rows, left=len(headings))
+
+
 #: Functions that make sections, by document and name of the section.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"cycles": _cycles},
     DOCS / "registers.md": {"registers": _registers},
+    DOCS / "board.md": {"vivado": _vivado},
 }
 for _study in STUDIES.values():
     DOCUMENTS.setdefault(_study.document, {}).update(

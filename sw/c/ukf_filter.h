@@ -10,11 +10,17 @@
  * struct ukf ukf;
  *
  * result = ukf_open(&ukf, &core, &port, &models, &options, work, sizeof work / sizeof work[0]);
- * result = ukf_start(&ukf, x0, P0, Q, R);
- * for (;;) {
+ * if (result == UKF_OK) {
+ *     result = ukf_start(&ukf, x0, P0, Q, R);
+ * }
+ * while (result == UKF_OK) {
  *     result = ukf_predict(&ukf, &input);
- *     result = ukf_update(&ukf, z, UKF_ALL);
- *     result = ukf_state(&ukf, x);
+ *     if (result == UKF_OK) {
+ *         result = ukf_update(&ukf, z, UKF_ALL);
+ *     }
+ *     if (result == UKF_OK) {
+ *         result = ukf_state(&ukf, x);
+ *     }
  * }
  * @endcode
  *

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 from cmsis_svd.parser import SVDParser
@@ -286,6 +287,66 @@ def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path)
         "covariance_form": 0, "additive_q": 0, "additive_r": 0,
         "element_bytes": memory_map.element_bytes, "row_stride": memory_map.row_stride,
     }  # fmt: skip
+
+
+#: What the reader of the page has to bring.
+MY_MODELS = """\
+#include <stdbool.h>
+#include "ukf_core.h"
+#include "ukf_real.h"
+
+struct my_input { int sample; };
+static int my_parameters;
+static const ukf_real x0[UKF_N], P0[UKF_N * UKF_N], Q[UKF_Q * UKF_Q], R[UKF_R * UKF_R];
+
+static bool my_f(void *context, const ukf_real *x, const ukf_real *w, const void *u, ukf_real *next)
+{
+    next[0] = x[0] + w[0] + ((const struct my_input *)u)->sample;
+    return context != NULL;
+}
+
+static bool my_h(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+{
+    z[0] = x[0] + v[0];
+    return context != NULL;
+}
+
+static bool my_data(struct my_input *u, ukf_real *z)
+{
+    u->sample = 0;
+    z[0] = 0;
+    return false;
+}
+
+static void my_use(const ukf_real *x)
+{
+    (void)x;
+}
+"""
+
+
+@needs_cc
+@pytest.mark.parametrize(
+    ("device", "message"),
+    [("none", "none: No such file or directory"), ("zeros", "the filter stopped: wrong ID")],
+)
+def test_the_program_of_the_page_stops_if_something_is_wrong(device, message, c_folder, tmp_path):
+    """Without a device, and with one that is no core."""
+    folder = tmp_path / "c"
+    shutil.copytree(c_folder, folder)
+    page = (Path(__file__).parents[2] / "docs" / "zynq.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert program.count('"/dev/uio0') == 2
+    (folder / "my_models.h").write_text(MY_MODELS)
+    (folder / "main.c").write_text(program.replace("/dev/uio0", device))
+    (folder / "zeros").write_bytes(bytes(1 << MemoryMap(NANOSAT).address_width))
+    subprocess.run(written_command(folder), cwd=folder, check=True)
+    objects = sorted(path.name for path in folder.glob("*.o"))
+    command = ["gcc", "-std=c11", *STRICT, "-I.", "-Iports", "main.c", *objects, "-lm"]
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    done = subprocess.run(["./a.out"], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, f"{message}\n")
 
 
 @needs_cc
@@ -570,7 +631,6 @@ FORM = (
         ("module", "name must not be 'module', a keyword of Verilog"),
         ("logic", "name must not be 'logic', a keyword of Verilog"),
         ("signal", "name must not be 'signal', a keyword of VHDL"),
-        ("register", "name must not be 'register', a keyword of Verilog"),
         ("typedef", "name must not be 'typedef', a keyword of Verilog"),
         ("sizeof", "name must not be 'sizeof', a keyword of C"),
         ("math", "name must not be 'math', a header of the C library"),

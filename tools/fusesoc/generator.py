@@ -16,7 +16,7 @@ from ukf_tools.cli import app
 __all__ = ["main"]
 
 #: What FuseSoC does with a file, by its ending; it knows others as data beside the simulation.
-_KINDS = {".v": "verilogSource"}
+_KINDS = {".v": "verilogSource", ".vlt": "vlt"}
 _COMMANDS = ("generate", "testbench")
 
 

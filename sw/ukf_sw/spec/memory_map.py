@@ -67,7 +67,10 @@ class MemoryMap:
         """Regions that exist for these parameters, by rising address."""
         p = self.params
         table = (
-            ("X", "state_points", p.n, p.N, "Sigma points of the state, row i is state i."),
+            ("X", "state_points", p.n, p.N,
+             f"Sigma points of the state, row i is state i. SIG_GEN and UPDATE write columns 0 to "
+             f"{p.n + 1} only; the others are to be read as column 0. PREDICT takes all "
+             f"{p.N}."),
             ("W", "process_noise_points", p.augmented_q, p.N, "Sigma points of the process noise."),
             ("V", "observation_noise_points", p.augmented_r, p.N,
              "Sigma points of the observation noise."),

@@ -1,22 +1,22 @@
 """What the scripts may use of Vivado, which versions have it, and where that was read.
 
 The model of Vivado refuses whatever is not in these tables, and what its version lacks; the table
-of docs/board.md is made of them. A page counts for a version if it was read in the edition of that
-version. What was read in other editions, or only in scripts of AMD's that run on it, is named so.
+of docs/board.md is made of them. Pages of UG835, the command reference, count for the version of
+their edition. Scripts count for the version that they are for: those that Vivado itself has written
+(write_bd_tcl, write_project_tcl), and AMD's base.tcl of the board PYNQ-ZU for 2024.1.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 __all__ = ["COMMANDS", "PROPERTIES", "VERSIONS", "Entry"]
 
 #: Versions whose documentation was looked through: the oldest that is promised, and a late one.
 VERSIONS = ("2020.2", "2024.2")
 
-#: Scripts of AMD's that were read, and the version of Vivado that they are for.
-_BASE = "PYNQ-ZU's base.tcl for 2024.1"
-_BITSTREAM = "PYNQ-Z2's build_bitstream.tcl, for 2020.2 or later"
-_COMMUNITY = "public scripts"
+_BITSTREAM = "AMD's build_bitstream.tcl of PYNQ-Z2, for 2020.2 or later"
+_COMMUNITY = "scripts of others"
+_SINCE = ("the history of that script, which has it since its version for 2020.1",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +29,8 @@ class Entry:
         Options of the command that the scripts may use: with a value, without.
     pages
         Editions of UG835 in which its page was read.
+    scripts
+        Versions for which a script of Vivado's or AMD's that uses it was read.
     others
         What else was read.
     lacking
@@ -38,19 +40,25 @@ class Entry:
     valued: frozenset[str] = frozenset()
     flags: frozenset[str] = frozenset()
     pages: tuple[str, ...] = ()
-    others: tuple[str, ...] = field(default=())
+    scripts: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     lacking: tuple[str, ...] = ()
 
-    def confirmed(self, version: str) -> bool:
-        """Whether its page was read in an edition of the year of a version, or of that version."""
+    def status(self, version: str) -> str:
+        """What is known of it in a version; of the late one, in any edition of its year."""
         editions = {version} if version == VERSIONS[0] else {version, f"{version[:4]}.1"}
-        return bool(editions & set(self.pages))
+        if version in self.lacking:
+            return "not there"
+        if editions & set(self.pages):
+            return "documented"
+        return "in a script" if editions & set(self.scripts) else "–"
 
     @property
     def read(self) -> str:
         """Where it was read."""
         pages = [f"UG835 {', '.join(self.pages)}"] if self.pages else []
-        return "; ".join((*pages, *self.others)) or "nowhere"
+        scripts = [f"scripts for {', '.join(self.scripts)}"] if self.scripts else []
+        return "; ".join((*pages, *scripts, *self.others)) or "nowhere"
 
 
 def _entry(
@@ -58,6 +66,7 @@ def _entry(
     flags: str = "",
     *,
     pages: str = "",
+    scripts: str = "",
     others: Iterable[str] = (),
     lacking: Iterable[str] = (),
 ) -> Entry:
@@ -65,6 +74,7 @@ def _entry(
         valued=frozenset(options.split()),
         flags=frozenset(flags.split()),
         pages=tuple(pages.split()),
+        scripts=tuple(scripts.split()),
         others=tuple(others),
         lacking=tuple(lacking),
     )
@@ -73,26 +83,28 @@ def _entry(
 #: Commands, with the options that the scripts may use.
 COMMANDS = {
     # Projects.
-    "create_project": _entry("-part", "-force -in_memory", pages="2023.1", others=[_BASE]),
+    "create_project": _entry(
+        "-part", "-force -in_memory", pages="2023.1", scripts="2020.2 2024.1"
+    ),
     "close_project": _entry(),
-    "current_project": _entry(others=[_BASE]),
+    "current_project": _entry(scripts="2020.2 2024.1"),
     "current_fileset": _entry(others=[_BITSTREAM]),
     "add_files": _entry("-fileset", "-norecurse", others=[_BITSTREAM]),
-    "get_files": _entry(others=[_BITSTREAM]),
+    "get_files": _entry(scripts="2024.1", others=[_BITSTREAM]),
     "update_compile_order": _entry("-fileset", others=[_BITSTREAM]),
-    "update_ip_catalog": _entry(others=[_BASE]),
-    "set_property": _entry("-dict", others=[_BASE]),
-    "get_property": _entry(others=[_BASE]),
-    "set_param": _entry(others=[_BASE]),
+    "update_ip_catalog": _entry(scripts="2020.2 2024.1"),
+    "set_property": _entry("-dict", scripts="2020.2 2024.1 2024.2"),
+    "get_property": _entry(scripts="2020.2 2024.1 2024.2"),
+    "set_param": _entry(scripts="2024.1"),
     "get_param": _entry(),
     # Boards.
     "get_board_parts": _entry(
-        "", "-quiet -nocase -latest_file_version", pages="2021.2", others=[_BASE]
+        "", "-quiet -nocase -latest_file_version", pages="2021.2", scripts="2024.1"
     ),
-    "xhub::get_xstores": _entry(others=[_BASE]),
-    "xhub::refresh_catalog": _entry(others=[_BASE]),
-    "xhub::get_xitems": _entry(others=[_BASE]),
-    "xhub::install": _entry(others=[_BASE]),
+    "xhub::get_xstores": _entry(scripts="2024.1", others=_SINCE),
+    "xhub::refresh_catalog": _entry(scripts="2024.1", others=_SINCE),
+    "xhub::get_xitems": _entry(scripts="2024.1", others=_SINCE),
+    "xhub::install": _entry(scripts="2024.1", others=_SINCE),
     # Packaging: UG835 has none of these.
     "ipx::package_project": _entry(
         "-root_dir -vendor -library -taxonomy -set_current", "-import_files -force",
@@ -110,20 +122,23 @@ COMMANDS = {
     "ipx::check_integrity": _entry(),
     "ipx::save_core": _entry(others=[_COMMUNITY]),
     # Block design.
-    "create_bd_design": _entry(pages="2020.2", others=[_BASE]),
-    "create_bd_cell": _entry("-type -vlnv", pages="2022.2 2026.1", others=[_BASE]),
-    "apply_bd_automation": _entry("-rule -config", pages="2022.1 2023.2"),
-    "get_bd_pins": _entry(),
-    "get_bd_intf_pins": _entry(others=[_BASE]),
-    "get_bd_addr_spaces": _entry(),
-    "get_bd_addr_segs": _entry(),
-    "connect_bd_net": _entry(pages="2022.1"),
-    "connect_bd_intf_net": _entry(pages="2023.1", others=[_BASE]),
-    "assign_bd_address": _entry(
-        "-offset -range -target_address_space", "-force", pages="2020.2 2022.1 2023.1 2024.1"
+    "create_bd_design": _entry(pages="2020.2", scripts="2020.2 2024.1"),
+    "create_bd_cell": _entry(
+        "-type -vlnv", pages="2022.2 2026.1", scripts="2020.2 2024.1 2024.2"
     ),
-    "validate_bd_design": _entry(pages="2020.2 2021.1 2026.1"),
-    "save_bd_design": _entry(pages="2020.2"),
+    "apply_bd_automation": _entry("-rule -config", pages="2022.1 2023.2"),
+    "get_bd_pins": _entry(scripts="2020.2 2024.2"),
+    "get_bd_intf_pins": _entry(scripts="2020.2 2024.1 2024.2"),
+    "get_bd_addr_spaces": _entry(scripts="2020.2 2024.2"),
+    "get_bd_addr_segs": _entry(scripts="2020.2 2024.2"),
+    "connect_bd_net": _entry(pages="2022.1", scripts="2020.2 2024.2"),
+    "connect_bd_intf_net": _entry(pages="2023.1", scripts="2020.2 2024.1 2024.2"),
+    "assign_bd_address": _entry(
+        "-offset -range -target_address_space", "-force", pages="2020.2 2022.1 2023.1 2024.1",
+        scripts="2020.2 2024.2",
+    ),
+    "validate_bd_design": _entry(pages="2020.2 2021.1 2026.1", scripts="2020.2 2024.2"),
+    "save_bd_design": _entry(pages="2020.2", scripts="2020.2 2024.2"),
     "make_wrapper": _entry("-files", "-top", pages="2022.2", others=[_BITSTREAM]),
     "generate_target": _entry(pages="2021.2"),
     # Building.
@@ -150,12 +165,14 @@ COMMANDS = {
 
 #: Properties and parameters, by kind of the object and name.
 PROPERTIES = {
-    ("project", "board_part"): _entry(others=[_BASE]),
-    ("project", "ip_repo_paths"): _entry(others=[_BASE]),
-    ("fileset", "top"): _entry(others=[_BITSTREAM]),
+    ("project", "board_part"): _entry(scripts="2020.2 2024.1"),
+    ("project", "ip_repo_paths"): _entry(
+        scripts="2024.1", others=["of a fileset in a script for 2020.2"]
+    ),
+    ("fileset", "top"): _entry(scripts="2020.2", others=[_BITSTREAM]),
     ("file", "USED_IN"): _entry(),
-    ("store", "LOCAL_ROOT_DIR"): _entry(others=[_BASE]),
-    ("parameter", "board.repoPaths"): _entry(others=[_BASE]),
+    ("store", "LOCAL_ROOT_DIR"): _entry(scripts="2024.1"),
+    ("parameter", "board.repoPaths"): _entry(scripts="2024.1"),
     **{
         ("core", name): _entry(others=[_COMMUNITY])
         for name in ("name", "version", "display_name", "description", "supported_families")
