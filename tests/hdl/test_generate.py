@@ -188,3 +188,37 @@ def test_a_user_without_a_cache_gets_the_same_bytes(variables, tmp_path, monkeyp
     without = generate(SMALLEST, Pipeline(), tmp_path / "without", engine=StubEngine(SMALLEST))
     assert [file.read_bytes() for file in without] == [file.read_bytes() for file in usual]
     assert os.environ.get("XDG_CACHE_HOME") == variables.get("XDG_CACHE_HOME")
+
+
+#: Kind of memory by depth: a look-up table holds 64 words, a block memory from 4096 bits on.
+MEMORIES = [
+    pytest.param(SMALLEST, {64: "distributed"}, id="64 words"),
+    pytest.param(UkfParams(n=2, m=1, q=1, r=1, pes=2), {128: "block"}, id="128 words"),
+    pytest.param(
+        UkfParams(n=2, m=1, q=1, r=1, pes=2, format=BINARY16), {128: "distributed"}, id="narrow"
+    ),
+]
+
+
+@pytest.mark.parametrize(("params", "lanes"), MEMORIES)
+def test_the_verilog_says_what_memories_are(params, lanes, tmp_path):
+    """None that is written is left to the guess of a tool; nor is a large table."""
+    text = generate(params, None, tmp_path)[0].read_text(encoding="utf-8")
+    memories = re.findall(
+        r"((?:^  \(\* .* \*\)\n)*)^  reg \[(\d+):0\] (\w+) \[(\d+):0\];", text, re.MULTILINE
+    )
+    found = {}
+    for attributes, msb, name, last in memories:
+        styles = re.findall(r'\(\* (ram|rom)_style = "(\w+)" \*\)', attributes)
+        depth, width = int(last) + 1, int(msb) + 1
+        if name in ("packets", "logic_table", "block_table"):
+            large = depth * width >= 9216 if name == "packets" else name == "block_table"
+            assert styles == [("rom", "block")] * large, name
+        else:
+            ((kind, style),) = styles
+            assert kind == "ram"
+            found.setdefault(name, {})[depth] = style
+    assert found.pop("memory_0") == found.pop("memory_1") == lanes
+    assert {name: set(styles.values()) for name, styles in found.items()} == {
+        "scalar_file": {"distributed"}, "history": {"distributed"},
+    }  # fmt: skip

@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 from ukf_hdl.arithmetic.float_adder import FloatAdder
 from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
+from ukf_hdl.memory_style import ram_style
 from ukf_sw.engine.control_word import STEERING
 
 __all__ = ["OperandSignature", "ProcessingElement", "WriteSignature"]
@@ -147,7 +148,12 @@ class ProcessingElement(wiring.Component):
         words = []
         byte_wide = unsigned(8 * len(self.write.enable))
         for port, address in enumerate((operands.address_0, operands.address_1)):
-            memory = Memory(shape=byte_wide, depth=len(self._words), init=self._words)
+            memory = Memory(
+                shape=byte_wide,
+                depth=len(self._words),
+                init=self._words,
+                attrs=ram_style(len(self._words), byte_wide.width),
+            )
             m.submodules[f"memory_{port}"] = memory
             read = memory.read_port()
             write = memory.write_port(granularity=8)

@@ -5,6 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.memory_style import ram_style, rom_style
 from ukf_sw.engine.packets import DISTANCE_WIDTH
 from ukf_sw.spec.sequence import Program
 
@@ -61,7 +62,10 @@ class Unpacker(wiring.Component):
             "steps":    data.StructLayout(dict.fromkeys(fmt.half.counting, 1)),
         })  # fmt: skip
         m.submodules.packets = memory = Memory(
-            shape=unsigned(fmt.width), depth=max(len(packets), 2), init=packets
+            shape=unsigned(fmt.width),
+            depth=max(len(packets), 2),
+            init=packets,
+            attrs=rom_style(len(packets), fmt.width),
         )
         port = memory.read_port()
         fetched = packet(port.data)
@@ -84,7 +88,10 @@ class Unpacker(wiring.Component):
 
         # The words given last, read without a clock, so distributed memory.
         m.submodules.history = history = Memory(
-            shape=unsigned(fmt.word_width), depth=1 << DISTANCE_WIDTH, init=[]
+            shape=unsigned(fmt.word_width),
+            depth=1 << DISTANCE_WIDTH,
+            init=[],
+            attrs=ram_style(1 << DISTANCE_WIDTH, fmt.word_width, clocked=False),
         )
         write, earlier = history.write_port(), history.read_port(domain="comb")
         newest = Signal(DISTANCE_WIDTH)  # where the word of this clock goes
