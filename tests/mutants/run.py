@@ -319,14 +319,51 @@ MUTANTS = [
         "tests/sw/test_boards.py",
     ),
     Mutant(
-        "packaging: half of the address range", "hdl/ukf_hdl/packaging/package.py",
+        "bus of a board: a name of two devices is the first one's", "sw/ukf_sw/drivers/uio.py",
+        "if len(found) > 1:", "if False:",
+        "tests/sw/test_boards.py -k two_uio",
+    ),
+    Mutant(
+        "packaging: half of the address range", "hdl/ukf_hdl/instance.py",
         "max(1 << MemoryMap(params).address_width, _PAGE)",
         "max(1 << MemoryMap(params).address_width - 1, _PAGE)",
         "tests/system/test_package.py -k scripts_make",
     ),
     Mutant(
+        "packaging: the bitstream is not turned round", "hdl/ukf_hdl/packaging/vivado/build.tcl",
+        " -disablebitswap", "",
+        "tests/system/test_package.py -k scripts_make",
+    ),
+    Mutant(
+        "packaging: board files in the order of text", "hdl/ukf_hdl/packaging/vivado/build.tcl",
+        "[lindex [get_board_parts -quiet -nocase -latest_file_version $pattern] 0]",
+        "[lindex [lsort [get_board_parts -quiet -nocase $pattern]] end]",
+        "tests/system/test_package.py -k latest_files",
+    ),
+    Mutant(
+        "packaging: a command that 2020.2 lacks", "hdl/ukf_hdl/packaging/vivado/build.tcl",
+        "wait_on_run ", "wait_on_runs ",
+        "tests/system/test_package.py -k scripts_make",
+    ),
+    Mutant(
+        "names: the C header of every core has the same macros", "hdl/ukf_hdl/instance.py",
+        'return "UKF" if self.name == NAME else self.name.upper()', 'return "UKF"',
+        "tests/hdl/test_interfaces.py -k two_cores",
+    ),
+    Mutant(
+        "names: the Verilog of every core has the same modules", "hdl/ukf_hdl/generate.py",
+        "verilog.convert(Toplevel(core), name=stem,", "verilog.convert(Toplevel(core), name=NAME,",
+        "tests/system/test_verilog.py -k module_in_common",
+    ),
+    Mutant(
+        "waivers: all widths", "hdl/ukf_hdl/lint_waivers.py",
+        '("*expects * bits on the Assign RHS, but Assign RHS\'s SHIFTR generates*",)', '("*",)',
+        "tests/system/test_verilog.py -k still_finds",
+    ),
+    Mutant(
         "another interrupt in the device tree", "hdl/ukf_hdl/interfaces/device_tree.py",
-        "interrupts = <0 {interrupt - FIRST_SHARED} 4>;", "interrupts = <0 {interrupt} 4>;",
+        """interrupts = <0 {record["interrupt"] - FIRST_SHARED} 4>;""",
+        """interrupts = <0 {record["interrupt"]} 4>;""",
         "tests/system/test_package.py -k device_tree",
     ),
     Mutant(

@@ -12,10 +12,6 @@
 #include "scenario_data.h"
 #include "ukf_core.h"
 
-/** Where the core is; `ukf generate --base-address`. */
-#ifndef UKF_BASE_ADDRESS
-#define UKF_BASE_ADDRESS 0x43C00000u
-#endif
 /** The global timer of a Zynq-7000, and its frequency in MHz. */
 #ifndef NANOSAT_TIMER
 #define NANOSAT_TIMER 0xF8F00200u
