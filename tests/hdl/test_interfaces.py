@@ -697,3 +697,11 @@ def test_the_page_has_every_field_and_region(params):
     ]  # fmt: skip
     assert ["SIZES", "0x04", "7:0", "N", "ro", hex(params.n), "States, n."] in rows
     assert "Reserved bits" in page
+
+
+@pytest.mark.parametrize("params", CONFIGURATIONS)
+def test_every_description_says_which_columns_the_core_writes(params):
+    """X has a column for every sigma point, but SIG_GEN writes n + 2 of them."""
+    written = f"write columns 0 to n + 1 = {params.n + 1} only"
+    for name in ("ukf_core.json", "ukf_core.svd", "ukf_core.md", "c/ukf_core.h"):
+        assert texts(params)[name].count(written) == 1, name

@@ -372,14 +372,36 @@ def test_command(tmp_path, monkeypatch):
         (["testbench", "--name", "Left"], "name must be at most 31 lower-case letters"),
         (["package", "--board", "zedboard", "--output", "file"], "--output must be a folder, not"),
         (["testbench", "--output", "file"], "--output must be a folder, not the file 'file'"),
+        (["generate", "--name", "uio"], "name must not be 'uio', which the C driver has"),
+        (["generate", "--base-address", "here"], "--base-address must be a number, as 0x43c00000"),
+        (["generate", "--base-address", "0x43c00004"], "base_address must be a multiple of 0x1000"),
+        (["generate", "--interrupt", "1020"], "interrupt must be between 32 and 1019, not 1020"),
+        (["generate", "--clock-mhz", "0"], "clock_mhz must be between 1 and 250, not 0.0"),
     ],
 )
 def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
+    """Before the slow part, and nothing has been written."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ukf_hdl.generate.verilog.convert", None)
+    monkeypatch.setattr("ukf_sim.testbench.record", None)
     (tmp_path / "file").touch()
     result = CliRunner().invoke(app, [*arguments, "--n", "1", "--m", "1"], env={"COLUMNS": "500"})
     assert result.exit_code == 2
     assert message in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("command", ["generate", "package", "testbench"])
+def test_a_folder_that_cannot_be_written_is_refused_first(command, tmp_path, monkeypatch):
+    monkeypatch.setattr("ukf_hdl.generate.verilog.convert", None)
+    monkeypatch.setattr("ukf_sim.testbench.record", None)
+    (tmp_path / "file").touch()
+    board = ["--board", "zedboard"] if command == "package" else []
+    for folder in (tmp_path / "file" / "below", "/proc/none"):
+        arguments = [command, *board, "--n", "1", "--m", "1", "--output", str(folder)]
+        result = CliRunner().invoke(app, arguments, env={"COLUMNS": "500"})
+        assert result.exit_code == 1
+        assert result.stderr.splitlines()[-1].startswith(f"Error: {folder}: ")
 
 
 # The testbench in Verilog.

@@ -12,7 +12,6 @@ from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
 from ukf_hdl.core.processing_element import OperandSignature, ProcessingElement
 from ukf_hdl.core.sequencer import Sequencer
 from ukf_hdl.core.signatures import EstimateSignature, MemorySignature, RunSignature
-from ukf_hdl.memory_style import ram_style
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.control_word import STEERING, BusSource
 from ukf_sw.engine.microcode import microcode
@@ -287,10 +286,7 @@ class Engine(wiring.Component):
     def _elaborate_scalar_file(self, m, word, bus, passed):
         """The scalar operand of the lanes, from what was on the bus before."""
         scalar_file = Memory(
-            shape=unsigned(self._params.format.width),
-            depth=max(self._code.scalars, 2),
-            init=[],
-            attrs=ram_style(self._code.scalars, self._params.format.width, clocked=False),
+            shape=unsigned(self._params.format.width), depth=max(self._code.scalars, 2), init=[]
         )
         m.submodules.scalar_file = scalar_file
         # Read without a clock, so distributed memory; its register is the memories' read clock.

@@ -66,11 +66,13 @@ class MemoryMap:
     def regions(self) -> tuple[Region, ...]:
         """Regions that exist for these parameters, by rising address."""
         p = self.params
+        written = (
+            f"SIG_GEN and UPDATE write columns 0 to n + 1 = {p.n + 1} only; the others are to be "
+            f"read as column 0. PREDICT takes all {p.N}."
+        )
         table = (
             ("X", "state_points", p.n, p.N,
-             f"Sigma points of the state, row i is state i. SIG_GEN and UPDATE write columns 0 to "
-             f"{p.n + 1} only; the others are to be read as column 0. PREDICT takes all "
-             f"{p.N}."),
+             f"Sigma points of the state, row i is state i. {written}"),
             ("W", "process_noise_points", p.augmented_q, p.N, "Sigma points of the process noise."),
             ("V", "observation_noise_points", p.augmented_r, p.N,
              "Sigma points of the observation noise."),
