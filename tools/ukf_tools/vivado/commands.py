@@ -142,7 +142,7 @@ COMMANDS = {
     "make_wrapper": _entry("-files", "-top", pages="2022.2", others=[_BITSTREAM]),
     "generate_target": _entry(pages="2021.2"),
     # Building.
-    "launch_runs": _entry("-to_step -jobs", pages="2023.2", others=[_BITSTREAM]),
+    "launch_runs": _entry("-to_step -jobs", pages="2023.1 2023.2", others=[_BITSTREAM]),
     "wait_on_run": _entry(
         pages="2020.2", others=[_BITSTREAM, "the example of wait_on_runs in UG835 2024.2"]
     ),
@@ -152,7 +152,7 @@ COMMANDS = {
     "open_run": _entry(pages="2021.1", others=["UG904 2020.2, 2023.2, 2025.2"]),
     "report_utilization": _entry("-file", "-hierarchical", pages="2021.2 2025.2"),
     "report_timing_summary": _entry("-file", pages="2023.1 2025.2"),
-    "report_power": _entry("-file"),
+    "report_power": _entry("-file", pages="2021.2"),
     "get_timing_paths": _entry("-max_paths -delay_type", pages="2026.1"),
     "write_cfgmem": _entry(
         "-format -size -interface -loadbit", "-force -disablebitswap",
