@@ -16,8 +16,8 @@ FIRST_SHARED = 32
 _LAST_SHARED = 1019
 #: Smallest segment of Vivado's address editor, and page of Linux.
 _PAGE = 4096
-#: Length of a node's name in a device tree.
-_LONGEST = 31
+#: A node's name in a device tree has 31 characters; that of the clock has 6 more than the core's.
+_LONGEST = 25
 #: Megahertz that FCLK_CLK0 of a Zynq-7000 may have.
 _SLOWEST, _FASTEST = 1.0, 250.0
 

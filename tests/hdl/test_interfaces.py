@@ -617,7 +617,7 @@ def test_two_cores_have_no_name_in_common():
 
 
 FORM = (
-    "name must be at most 31 lower-case letters, digits and single underscores, beginning with "
+    "name must be at most 25 lower-case letters, digits and single underscores, beginning with "
     "a letter, not {!r}"
 )
 
@@ -626,7 +626,7 @@ FORM = (
     ("name", "message"),
     [
         *((name, FORM.format(name)) for name in (
-            "", "Left", "2nd", "_left", "left_", "a__b", "a b", "a-b", "\u00fcber", "a" * 32, "a\n",
+            "", "Left", "2nd", "_left", "left_", "a__b", "a b", "a-b", "\u00fcber", "a" * 26, "a\n",
         )),
         ("module", "name must not be 'module', a keyword of Verilog"),
         ("logic", "name must not be 'logic', a keyword of Verilog"),
@@ -645,7 +645,7 @@ def test_names_that_a_core_cannot_have(name, message):
         Instance(name=name)
 
 
-@pytest.mark.parametrize("name", ["a", "left", "core_2", "nanosat", "ukf_port_uio", "a" * 31])
+@pytest.mark.parametrize("name", ["a", "left", "core_2", "nanosat", "ukf_port_uio", "a" * 25])
 def test_names_that_a_core_can_have(name):
     assert Instance(name=name).prefix == name.upper()
 

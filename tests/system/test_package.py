@@ -369,7 +369,7 @@ def test_command(tmp_path, monkeypatch):
             ["package", "--board", "zedboard", "--clock-mhz", "300"],
             "clock_mhz must be between 1 and 250, not 300.0",
         ),
-        (["testbench", "--name", "Left"], "name must be at most 31 lower-case letters"),
+        (["testbench", "--name", "Left"], "name must be at most 25 lower-case letters"),
         (["package", "--board", "zedboard", "--output", "file"], "--output must be a folder, not"),
         (["testbench", "--output", "file"], "--output must be a folder, not the file 'file'"),
         (["generate", "--name", "uio"], "name must not be 'uio', which the C driver has"),
