@@ -25,6 +25,8 @@ _WAIVERS = (
      "Whether a number is zero is its logical negation."),
     ("WIDTHTRUNC", ("*expects * bits on the Assign RHS, but Assign RHS's SHIFTR generates*",),
      "The element of an array of constants is the low end of the array, shifted."),
+    ("UNSIGNED", ("Comparison is constant due to unsigned arithmetic*",),
+     "A limit that a core of these sizes does not need is the constant 0."),
     ("ASCRANGE", ("Ascending bit range vector: left < right of bit range: [-1:0]*",),
      "A signal that can have one value only has no bits."),
 )  # fmt: skip
