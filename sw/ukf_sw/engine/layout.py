@@ -41,6 +41,8 @@ class Vector:
         The beats that exist. Columns below or above are not stored.
     pes
         Number of lanes.
+    columns
+        Columns that it has, from the first up to the last, exclusive.
     bank
         Which bank bit completes its addresses.
     broadcast
@@ -52,6 +54,7 @@ class Vector:
     first: int
     beats: int
     pes: int
+    columns: tuple[int, int]
     bank: int = BANK_NONE
     broadcast: bool = False
 
@@ -190,7 +193,7 @@ class Layout:
         start, stop = self.bank_offset, self.bank_offset + self._banked
         if self._next < stop and self._next + beats > start:  # the other bank is in the way
             self._next = stop
-        vector = Vector(name, self._next, first, beats, pes, bank, broadcast)
+        vector = Vector(name, self._next, first, beats, pes, columns, bank, broadcast)
         self.vectors.append(vector)
         self._next += beats
         return vector
