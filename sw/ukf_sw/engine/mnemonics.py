@@ -5,7 +5,7 @@ the same in every lane, stands alone. ``s3`` is a register of the scalar file. W
 and L is ``x'`` and ``L'``: the copy that becomes the current one when the step has succeeded.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ukf_sw.engine.control_word import BusSource
@@ -13,6 +13,7 @@ from ukf_sw.engine.disassembler import MARKS, Instruction, fields_of, kind_of, w
 from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.operations import Kind
+from ukf_sw.spec.sequence import Program
 
 __all__ = ["Line", "Mnemonics", "say_columns"]
 
@@ -133,6 +134,27 @@ class Mnemonics:
             text = f"{'':9}{self.place(instruction.root, written=True)} = 1/sqrt of it"
             lines.append(Line(None, instruction.root_clock, text))
         return lines
+
+    def listing(self, program: Program, instructions: Sequence[Instruction]) -> str:
+        """Give a program as text for people, of 100 columns at most.
+
+        Parameters
+        ----------
+        program
+            Which one.
+        instructions
+            What was found in its words.
+        """
+        words = len(self._code.words_of(program))
+        lines = [
+            f"{program.name}: {words} words, {len(instructions)} operations",
+            "clock  done  operation",
+        ]
+        for instruction in instructions:
+            for line in self.lines(instruction):
+                clock, done = ("" if at is None else at for at in (line.clock, line.done))
+                lines.append(f"{clock:>5} {done:>5}  {line.text}")
+        return "\n".join(lines)
 
     def record(self, instruction: Instruction) -> dict[str, Any]:
         """Describe an instruction, ready for JSON."""

@@ -59,13 +59,7 @@ def disassemble(
     spans = (f"{say_columns(range(*span))} {name}" for name, span in code.layout.spans.items())
     typer.echo(f"Columns: {', '.join(spans)}.\n{_LEGEND}")
     for each, instructions in found.items():
-        typer.echo(
-            f"\n{each.name}: {len(code.words_of(each))} words, {len(instructions)} operations"
-        )
-        typer.echo("clock  done  operation")
-        for line in (line for entry in instructions for line in mnemonics.lines(entry)):
-            clock, done = ("" if at is None else at for at in (line.clock, line.done))
-            typer.echo(f"{clock:>5} {done:>5}  {line.text}")
+        typer.echo("\n" + mnemonics.listing(each, instructions))
 
 
 def _find(name: str) -> Program:
