@@ -4,15 +4,17 @@ import json
 import subprocess
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from support.waveform import Waveform
-from ukf_sim.builds import build
-from ukf_sim.cosimulation import cosimulate
-from ukf_sim.signal_lists import NUMBER, PLAIN, Signals, signal_lists, write_signal_lists
+from ukf_sim.builds import Build, build
+from ukf_sim.cosimulation import Cosimulation, cosimulate
+from ukf_sim.session import Job
+from ukf_sim.signal_lists import NUMBER, PLAIN, Signals, write_signal_lists
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.interpreter import Interpreter
@@ -25,15 +27,15 @@ from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, Flo
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import WAYS, Program, Step
 
-STEPS = 2
+STEPS = 1
 ENGINE, CONTROL = "ukf_core.core.engine", "ukf_core.core.control"
 
 #: Of each simulator, a core; they differ in form, format and noise.
 CORES = {
     Simulator.VERILATOR: UkfParams(n=2, m=1, q=1, r=1, pes=2),
     Simulator.ICARUS: UkfParams(
-        n=2, m=2, q=2, r=2, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
-        form=Form.COVARIANCE, format=BINARY16, pes=3,
+        n=2, m=1, q=2, r=1, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+        form=Form.COVARIANCE, format=BINARY16, pes=2,
     ),
 }  # fmt: skip
 
@@ -417,18 +419,36 @@ def test_command_refuses_before_the_work(ukf, tmp_path, simulator, name):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.system
-def test_command(ukf, core_cache, icarus, tmp_path):
+def test_command_says_where_the_waveform_is(ukf, icarus, monkeypatch):
+    """What it asks for and what it prints, without the simulation."""
+    asked = []
+    recipe = Recipe(name=None, params=UkfParams(n=1, m=1))
+    golden = run(recipe.scenario(1), "golden", steps=1)
+
+    def simulate(make, steps, *, waves, simulator, **options):
+        asked.append((waves, simulator))
+        return Cosimulation(
+            mismatch=None, words_compared=1, first_cycles={}, iterations=(), seconds=1.0,
+            cpu_seconds=1.0, steps=1, run=golden, job=Job(params=recipe.params, task=""),
+            build=Build(
+                simulator=simulator, top="", folder=Path(), compiled=False, seconds=0.0
+            ),
+            simulation_seconds=1.0,
+        )  # fmt: skip
+
+    monkeypatch.setattr("ukf_sim.cosimulation.cosimulate", simulate)
     options = ("cosim", "--n", 1, "--m", 1, "--steps", 1, "--simulator", "icarus")
-    text = ukf(*options, "--cache", core_cache, "--waves", "w/run.vcd").stdout
+    text = ukf(*options, "--waves", "w/run.vcd").stdout
     assert (
-        "Waveform: w/run.vcd. In that folder: gtkwave run.gtkw, or surfer --command-file run.sucl"
-        in text
-    )
-    lists = signal_lists(tmp_path / "w" / "run.vcd")
-    assert list(lists) == ["gtkwave", "surfer"]
-    for file in (tmp_path / "w" / "run.vcd", *lists.values()):
-        assert file.stat().st_size > 1000
+        "Waveform: w/run.vcd. In that folder: gtkwave run.gtkw, or surfer --command-file run.sucl\n"
+    ) in text
+    record = json.loads(ukf(*options, "--waves", "w/run.vcd", "--json").stdout)
+    assert record["waves"] == {
+        "file": "w/run.vcd", "gtkwave": "w/run.gtkw", "surfer": "w/run.sucl",
+    }  # fmt: skip
+    assert json.loads(ukf(*options, "--json").stdout)["waves"] is None
+    waveform = Path("w/run.vcd")
+    assert asked == [(file, icarus) for file in (waveform, waveform, None)]
 
 
 @pytest.mark.system
