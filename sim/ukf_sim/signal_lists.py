@@ -141,10 +141,11 @@ class Signals:
     def __init__(self, code: Microcode) -> None:
         self._code = code
         self.format = code.params.format
-        mnemonics = Mnemonics(code)
+        mnemonics, words = Mnemonics(code), sorted({0, *code.words})
         self.names: dict[str, Mapping[int, str]] = {
             "step": _table(Step), "program": _table(Program), "error": _table(ErrorCode),
-            "word": {word: mnemonics.word(word) for word in sorted({0, *code.words})},
+            "reads": {word: mnemonics.reads(word) for word in words},
+            "writes": {word: mnemonics.writes(word) for word in words},
         }  # fmt: skip
         self.groups = [*self._control(), *self._array(), *self._memory()]
 
@@ -184,12 +185,12 @@ class Signals:
         yield Group("AXI4-Lite", tuple(signals), closed=True)
 
     def _array(self) -> Iterator[Group]:
-        word = Signal(
-            "control word", f"{_ENGINE}.sequencer", "word", self._code.format.width, "word"
-        )
+        # The control word twice: as what it reads, and as what it writes.
+        sequencer, width = f"{_ENGINE}.sequencer", self._code.format.width
+        halves = (Signal(half, sequencer, "word", width, half) for half in ("reads", "writes"))
         numbers = {"scalar bus": "bus", "operand s": "scalar", "1/sqrt": "root", "NIS": "run__nis"}
         yield Group("program", (
-            word,
+            *halves,
             *(self._number(label, _ENGINE, name) for label, name in numbers.items()),
             Signal("writes pass", _ENGINE, "passed"),
         ))  # fmt: skip
@@ -266,7 +267,8 @@ def _gtkwave(waves: Path, signals: Signals, tool: Waves) -> str:
     with importing("sim"):
         from vcd.gtkw import GTKWSave
 
-    folder = waves.with_suffix(".gtkwave")
+    # Without spaces: what follows one in the name of a filter is an argument to GTKWave.
+    folder = waves.parent / f"{re.sub(r'[^0-9A-Za-z.-]', '_', waves.stem)}.gtkwave"
     folder.mkdir(exist_ok=True)
     for name, texts in signals.names.items():
         bits = next(s.width for g in signals.groups for s in g.signals if s.shown == name)

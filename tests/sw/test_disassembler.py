@@ -260,15 +260,17 @@ def test_record_says_the_same():
 
 
 def test_words_by_themselves():
-    """What a waveform shows of a word: its reads, then its writes."""
+    """What a waveform shows of a word: its reads and its writes."""
     code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
     mnemonics = Mnemonics(code)
-    assert mnemonics.word(0) == "- | -"
+    assert (mnemonics.reads(0), mnemonics.writes(0)) == ("-", "-")
     for program in Program:
         words = code.words_of(program)
         for entry in disassemble(code, program):
-            reads = mnemonics.word(words[entry.clocks[0]]).split(" | ")[0]
-            writes = mnemonics.word(words[entry.done]).split(" | ")[1]
+            reads, writes = (
+                mnemonics.reads(words[entry.clocks[0]]),
+                mnemonics.writes(words[entry.done]),
+            )
             assert reads.startswith("AXPY" if entry.kind is Kind.SCALE else entry.kind.name)
             if entry.register is not None:
                 assert writes.startswith(f"s{entry.register} = ")
@@ -277,7 +279,7 @@ def test_words_by_themselves():
                 assert f"{place} = " in writes
             for mark in entry.marks:
                 assert mark in writes
-    assert mnemonics.word(words[-1]).endswith("last")
+    assert mnemonics.writes(words[-1]).endswith("last")
 
 
 def test_a_field_that_is_new_is_shown(monkeypatch):

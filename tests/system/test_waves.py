@@ -249,7 +249,8 @@ def test_lists_name_what_is_there(found):
     commands = (found.folder / "run.sucl").read_text(encoding="utf-8").splitlines()
     added = [line.partition(" ")[2] for line in commands if line.startswith("variable_add ")]
     shown = [signal for group in signals.groups for signal in group.signals]
-    assert len(added) == len(set(added)) == len(shown)
+    # The control word is there as what it reads, and as what it writes.
+    assert len(added) == len(set(added)) + 1 == len(shown)
     save = (found.folder / "run.gtkw").read_text(encoding="utf-8").splitlines()
     for signal, name in zip(shown, added, strict=True):
         assert found.waves.widths[name] == signal.width, name
@@ -292,8 +293,10 @@ def test_tables_of_names(listed, tmp_path, simulator):
     signals = listed(simulator, pes=2)
     code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
     mnemonics, digits = Mnemonics(code), -(-code.format.width // 4)
-    words = table(tmp_path / "run.gtkwave" / "word.txt")
-    assert words == {f"{word:0{digits}x}": mnemonics.word(word) for word in {0, *code.words}}
+    for half in ("reads", "writes"):
+        texts = table(tmp_path / "run.gtkwave" / f"{half}.txt")
+        describe = getattr(mnemonics, half)
+        assert texts == {f"{word:0{digits}x}": describe(word) for word in {0, *code.words}}
     assert table(tmp_path / "run.gtkwave" / "step.txt") == {
         str(step.value): step.name for step in Step
     }
@@ -302,7 +305,8 @@ def test_tables_of_names(listed, tmp_path, simulator):
         assert {int(value, 2): text for value, text in shown.items()} == signals.names[name]
         # All values have the signal's width, which tells it to Surfer.
         (width,) = {len(value) - 2 for value in shown}
-        assert width == {"step": 3, "program": 3, "error": 8, "word": code.format.width}[name]
+        known = {"step": 3, "program": 3, "error": 8}
+        assert width == known.get(name, code.format.width)
         assert f"item_set_format run-{name}" in (tmp_path / "run.sucl").read_text().splitlines()
 
 
@@ -371,6 +375,17 @@ def test_surfer_is_told_the_format(listed, tmp_path, fmt, name):
     headings = [line.removeprefix("divider_add ") for line in lines if "divider_add" in line]
     assert all(heading.isidentifier() for heading in headings)
     assert {"steps", "X_1", "x_in_bank_1"} <= set(headings)
+
+
+def test_names_of_filters_have_no_spaces(tmp_path):
+    """GTKWave takes what follows a space for an argument, and then shows no numbers."""
+    signals = Signals(microcode(UkfParams(n=1, m=1), Pipeline()))
+    write_signal_lists(tmp_path / "run 1 (a).vcd", signals, Simulator.ICARUS)
+    lines = (tmp_path / "run 1 (a).gtkw").read_text(encoding="utf-8").splitlines()
+    filters = [line for line in lines if line.startswith("^")]
+    assert "^>1 ./run_1__a_.gtkwave/number.py" in filters
+    assert (tmp_path / "run_1__a_.gtkwave" / "number.py").exists()
+    assert all(line.count(" ") == 1 for line in filters)
 
 
 # Files that cannot be.

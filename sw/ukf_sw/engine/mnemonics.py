@@ -5,7 +5,7 @@ the same in every lane, stands alone. ``s3`` is a register of the scalar file. W
 and L is ``x'`` and ``L'``: the copy that becomes the current one when the step has succeeded.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from ukf_sw.engine.control_word import BusSource
@@ -195,19 +195,19 @@ class Mnemonics:
             "text": [line.text for line in self.lines(instruction)],
         }
 
-    def word(self, word: int) -> str:
-        """Describe a control word by itself: what it reads, and what it writes.
+    # A word by itself does not say everything about what it reads: which lanes an operation is for,
+    # and whether it is an AXPY or a SCALE, only the word says that ends it.
 
-        Which lanes an operation is for, and whether it is an AXPY or a SCALE, only the word says
-        that ends it; so operands stand with all their lanes here, and both are called AXPY.
+    def reads(self, word: int) -> str:
+        """Describe what a control word by itself reads, or give a dash.
+
+        Operands stand with all lanes where the word does not say which count, and a SCALE is called
+        AXPY.
         """
         fields = fields_of(self._code, word)
-        return " | ".join([self._reads(fields) or "-", self._writes(fields) or "-"])
-
-    def _reads(self, fields: Mapping[str, int]) -> str:
         kind = kind_of(fields)
         if kind is None:
-            return ""
+            return "-"
         lanes, select = None, fields.get("select", 0)
         if kind is Kind.DOT:
             lanes = self._code.lane_sets[select]
@@ -226,15 +226,17 @@ class Mnemonics:
         more = "+ " if kind is Kind.DOT and not fields.get("first") else ""
         return f"{kind.name} {more}{value}"
 
-    def _writes(self, fields: Mapping[str, int]) -> str:
+    def writes(self, word: int) -> str:
+        """Describe what a control word by itself writes, or give a dash."""
+        fields = fields_of(self._code, word)
         source = BusSource(fields.get("bus_source", BusSource.RESULT)).name
         targets: list[str] = []
         if fields.get("scalar_write"):
             targets.append(f"s{fields.get('scalar_write_address', 0)} = {source}")
         if fields.get("write"):
-            word = word_of(fields, "write_address", "write_bank_{}")
+            target = word_of(fields, "write_address", "write_bank_{}")
             lanes = self._code.lane_sets[fields.get("write_lanes", 0)]
-            place = self.place(word, lanes, written=True)
+            place = self.place(target, lanes, written=True)
             targets.append(f"{place} = {source if fields.get('write_bus') else 'LANES'}")
         for name in MARKS:
             if name in fields:
@@ -245,4 +247,4 @@ class Mnemonics:
                 targets.append(_masked(fields[name] - 1))
         if fields.get("last"):
             targets.append("last")
-        return ", ".join(targets)
+        return ", ".join(targets) or "-"
