@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from support.random_cores import random_configuration
-from ukf_sw.engine.control_word import WRITE
 from ukf_sw.engine.disassembler import MARKS, DisassemblyError, disassemble
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.microcode import Microcode, microcode
@@ -16,19 +15,22 @@ from ukf_sw.engine.programs import build_program
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 
-#: Attribute of an operation behind each mark, and the number that the mark has for its value.
-ATTRIBUTES = {
-    "pivot": ("pivot", lambda value: value),
-    "nis": ("is_nis", lambda value: 1 if value else None),
-}
+
+def marks_of(operation):
+    """Marks of the result of an operation of the list."""
+    row = operation.pivot if operation.pivot is not None else operation.coupling
+    marks = {
+        "row": row,
+        "coupling": None if operation.coupling is None else 1,
+        "innovation": 1 if operation.innovation else None,
+        "nis": 1 if operation.is_nis else None,
+    }
+    assert set(marks) == set(MARKS)
+    return {mark: value for mark, value in marks.items() if value is not None}
 
 
 def expected(operation, issue, code, registers):
     """What the disassembler should say of an operation of the list."""
-    marks = {
-        mark: number(getattr(operation, attribute))
-        for mark, (attribute, number) in ATTRIBUTES.items()
-    }
     done = issue + code.timing.result(operation)
     return {
         "kind": operation.kind,
@@ -43,17 +45,13 @@ def expected(operation, issue, code, registers):
         "root": operation.root,
         "root_clock": done + code.pipeline.reciprocal_sqrt if operation.root else None,
         "observation": operation.observation,
-        "marks": {mark: value for mark, value in marks.items() if value is not None},
+        "marks": marks_of(operation),
     }
 
 
 def said(instruction):
     """What the disassembler says, as a dict."""
     return {name: getattr(instruction, name) for name in instruction.__slots__}
-
-
-def test_every_mark_has_an_attribute():
-    assert set(MARKS) == set(ATTRIBUTES)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -243,7 +241,7 @@ def test_lines_are_short(form, pes):
 def test_record_says_the_same():
     code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
     mnemonics = Mnemonics(code)
-    (nis,) = (entry for entry in disassemble(code, Program.UPDATE) if "nis" in entry.marks)
+    *_, nis = (entry for entry in disassemble(code, Program.UPDATE) if "nis" in entry.marks)
     record = mnemonics.record(nis)
     assert record["operation"] == "SCALE"
     assert record["clock"] == record["beats"][0]["clock"] == nis.clocks[0]
@@ -252,7 +250,7 @@ def test_record_says_the_same():
     ]
     assert record["writes"] == [{"clock": record["done"], "register": nis.register}]
     assert record["marks"] == {"nis": 1}
-    (pivot,) = (entry for entry in disassemble(code, Program.UPDATE) if entry.marks == {"pivot": 0})
+    (pivot,) = (entry for entry in disassemble(code, Program.UPDATE) if entry.marks == {"row": 0})
     assert mnemonics.record(pivot)["writes"][-1] == {
         "clock": pivot.root_clock, "vector": "root[0]", "columns": None, "banked": False,
         "is": "1/sqrt",
@@ -267,28 +265,34 @@ def test_words_by_themselves():
     for program in Program:
         words = code.words_of(program)
         for entry in disassemble(code, program):
-            reads, writes = (
-                mnemonics.reads(words[entry.clocks[0]]),
-                mnemonics.writes(words[entry.done]),
-            )
+            reads = mnemonics.reads(words[entry.clocks[0]])
+            writes = mnemonics.writes(words[entry.done])
             assert reads.startswith("AXPY" if entry.kind is Kind.SCALE else entry.kind.name)
             if entry.register is not None:
                 assert writes.startswith(f"s{entry.register} = ")
             if entry.destination is not None:
                 place = mnemonics.place(entry.destination, entry.lanes, written=True)
                 assert f"{place} = " in writes
-            for mark in entry.marks:
+            for mark in set(entry.marks) - {"row", "coupling"}:
                 assert mark in writes
+            if "row" in entry.marks:
+                assert f" {entry.marks['row']}" in writes.split("pivot" if entry.root else "row")[1]
     assert mnemonics.writes(words[-1]).endswith("last")
 
 
-def test_a_field_that_is_new_is_shown(monkeypatch):
-    """A mark that a later version of the control word has needs nothing here."""
-    assert set(MARKS) < set(WRITE.fields)
+@pytest.mark.parametrize(
+    ("marks", "text"),
+    [
+        ({"row": 2}, "(pivot 2)"),
+        ({"row": 2, "coupling": 1}, "(couples row 2)"),
+        ({"nis": 1}, "(nis)"),
+        ({"innovation": 1}, "(innovation)"),
+    ],
+)
+def test_marks_are_said(marks, text):
     code = microcode(UkfParams(n=2, m=1), Pipeline())
-    (nis, *_) = (entry for entry in disassemble(code, Program.UPDATE) if "nis" in entry.marks)
-    changed = replace(nis, marks={"nis": 1, "pivot": 2})
-    assert Mnemonics(code).lines(changed)[-1].text.endswith("(nis, pivot 2)")
+    instruction = replace(disassemble(code, Program.PREDICT)[0], marks=marks)
+    assert Mnemonics(code).lines(instruction)[-1].text.endswith(f"  {text}")
 
 
 def test_beats_have_the_lanes_that_take_part():

@@ -211,7 +211,9 @@ def test_results(found, starts):
     """Scalar bus on the clock of the NIS, the register of it, and what the filter read."""
     waves, code = found.waves, microcode(found.params, Pipeline())
     mark = code.format.fields["nis"]
-    (in_update,) = (k for k, w in enumerate(code.words_of(Program.UPDATE)) if w >> mark.lsb & 1)
+    # The last number that is marked is the NIS, those before are on the way to it.
+    words = enumerate(code.words_of(Program.UPDATE))
+    *_, in_update = (k for k, word in words if word >> mark.lsb & 1)
     updates = [
         (start, execution)
         for start, execution in zip(starts, found.executions, strict=True)

@@ -25,16 +25,15 @@ __all__ = [
     "word_of",
 ]
 
-_PORT = (
+#: Fields of the write half that say where results come from and go to, and the end of the program.
+_ROUTING = (
     "write", "write_address", "write_bank_state", "write_bank_factor", "write_lanes", "write_bus",
+    "bus_source", "scalar_write", "scalar_write_address", "lanes_observation", "bus_observation",
+    "last",
 )  # fmt: skip
-_BUS = ("bus_source", "scalar_write", "scalar_write_address", "bus_observation")
-
-#: Fields that say what the number on the scalar bus is: all of the write half but those that say
-#: where results come from and go to, and the end of the program.
-MARKS = tuple(
-    name for name in WRITE.fields if name not in (*_PORT, *_BUS, "lanes_observation", "last")
-)
+#: All others say what the result is: of the lanes, or else the number on the scalar bus.
+_LANES_MARKS = ("innovation",)
+MARKS = tuple(name for name in WRITE.fields if name not in _ROUTING)
 
 
 class DisassemblyError(Exception):
@@ -217,10 +216,6 @@ def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Inst
         observation = words.take(done, "bus_observation")
         if words.take(done, "scalar_write"):
             register = words.take(done, "scalar_write_address")
-        for name in MARKS:
-            value = words.take(done, name)
-            if value:
-                marks[name] = value - (code.format.fields[name].width > 1)
         at = done + code.pipeline.reciprocal_sqrt
         if words.at(at).get("bus_source") == BusSource.ROOT:
             words.take(at, "bus_source")
@@ -229,6 +224,10 @@ def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Inst
                 raise DisassemblyError(f"The root of clock {at} must be written in all lanes")
     else:
         observation = words.take(done, "lanes_observation")
+    for name in MARKS:
+        value = words.take(done, name) if (name not in _LANES_MARKS) is kind.is_scalar else 0
+        if value:
+            marks[name] = value - (code.format.fields[name].width > 1)
     if due.get("write") and bool(due.get("write_bus")) is kind.is_scalar:
         destination, lanes = _write(words, done, from_bus=kind.is_scalar)
     if destination is None and register is None:

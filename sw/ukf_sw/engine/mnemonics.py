@@ -5,7 +5,7 @@ the same in every lane, stands alone. ``s3`` is a register of the scalar file. W
 and L is ``x'`` and ``L'``: the copy that becomes the current one when the step has succeeded.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from ukf_sw.engine.control_word import BusSource
@@ -45,6 +45,13 @@ def say_columns(columns: Iterable[int]) -> str:
         else:
             runs.append([column])
     return ",".join(str(run[0]) if len(run) == 1 else f"{run[0]}..{run[-1]}" for run in runs)
+
+
+def _remarks(marks: Mapping[str, int]) -> list[str]:
+    """Say what a result is; a row that is not coupled is that of a pivot."""
+    row = f"{'couples row' if 'coupling' in marks else 'pivot'} {marks.get('row')}"
+    said = {"row": row, "coupling": ""}
+    return list(filter(None, (said.get(name, name) for name in marks)))
 
 
 def _masked(observation: int) -> str:
@@ -121,10 +128,7 @@ class Mnemonics:
             value = _join(instruction.kind, a, scalar, b, subtract=instruction.subtract)
             text = f"{'' if lines else begin:{len(begin)}}{'+' if lines else '='} {value}"
             lines.append(Line(clock, None if lines else instruction.done, text))
-        remarks = [
-            name if self._code.format.fields[name].width == 1 else f"{name} {value}"
-            for name, value in instruction.marks.items()
-        ]
+        remarks = _remarks(instruction.marks)
         if instruction.observation is not None:
             remarks.append(_masked(instruction.observation))
         if remarks:
@@ -238,10 +242,8 @@ class Mnemonics:
             lanes = self._code.lane_sets[fields.get("write_lanes", 0)]
             place = self.place(target, lanes, written=True)
             targets.append(f"{place} = {source if fields.get('write_bus') else 'LANES'}")
-        for name in MARKS:
-            if name in fields:
-                wide = self._code.format.fields[name].width > 1
-                targets.append(f"{name} {fields[name] - 1}" if wide else name)
+        widths = {name: self._code.format.fields[name].width for name in MARKS}
+        targets += _remarks({n: fields[n] - (widths[n] > 1) for n in MARKS if n in fields})
         for name in ("lanes_observation", "bus_observation"):
             if name in fields:
                 targets.append(_masked(fields[name] - 1))
