@@ -16,9 +16,11 @@ from ukf_docs.studies import STUDIES
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import description
 from ukf_hdl.interfaces.register_page import register_map
+from ukf_sw.engine.disassembler import disassemble
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.mnemonics import Mnemonics
 from ukf_sw.problems.systems.nanosat import NANOSAT
-from ukf_sw.spec.parameters import Form, Pipeline
+from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.design_report import paper_2018
 from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
@@ -70,11 +72,19 @@ def _vivado() -> str:
     return table(headings, rows, left=len(headings))
 
 
+def _listing() -> str:
+    """A short program, disassembled."""
+    code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
+    found = disassemble(code, Program.PREDICT)
+    return f"```text\n{Mnemonics(code).listing(Program.PREDICT, found)}\n```"
+
+
 #: Functions that make sections, by document and name of the section.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"cycles": _cycles},
     DOCS / "registers.md": {"registers": _registers},
     DOCS / "board.md": {"vivado": _vivado},
+    DOCS / "inside.md": {"listing": _listing},
 }
 for _study in STUDIES.values():
     DOCUMENTS.setdefault(_study.document, {}).update(

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ukf_sim.simulators import Simulator, SimulatorError, tool_environment
+from ukf_sim.simulators import Simulator, SimulatorError, Waves, tool_environment
 from ukf_sw.extras import importing
 
 __all__ = ["EXECUTABLE", "Build", "build", "build_executable"]
@@ -50,7 +50,13 @@ class Build:
 
 
 def build(
-    verilog: Path, top: str, simulator: Simulator, cache: Path, *, optimise: bool = True
+    verilog: Path,
+    top: str,
+    simulator: Simulator,
+    cache: Path,
+    *,
+    optimise: bool = True,
+    waves: Sequence[str] | None = None,
 ) -> Build:
     """Compile Verilog for cocotb, unless the same has been compiled before.
 
@@ -67,6 +73,9 @@ def build(
     optimise
         Whether to compile for speed; if not, Verilator's compiler takes half the time, which pays
         for runs of seconds.
+    waves
+        If it is to write waveforms, the words of arrays in them; of everything else they have all.
+        A build that can is another, slower one.
 
     Returns
     -------
@@ -96,22 +105,31 @@ def build(
         "cocotb": [version("cocotb"), str(config.libs_dir)],
         "python": platform.python_version(),
     }
+    probe = None
+    if waves is not None:
+        flags += tool.waves.flags
+        probe = _probe(tool.waves, top, waves)
+        identity["waves"] = [tool.waves.flags, probe]
 
     def compile_into(folder: Path) -> None:
-        arguments = list(flags)
+        arguments, sources = list(flags), [verilog.resolve()]
         if settings:
             (folder / name).write_text(settings, encoding="utf-8")
             arguments.append(str(folder / name))
+        if probe is not None:
+            sources.append(folder / probe[0])
+            sources[-1].write_text(probe[1], encoding="utf-8")
         log = folder / "build.log"
         try:
             with tool_environment(make_flags):
                 get_runner(simulator.value).build(
-                    sources=[verilog.resolve()],
+                    sources=sources,
                     hdl_toplevel=top,
                     build_dir=folder,
                     build_args=arguments,
                     timescale=("1ns", "1ps"),
                     always=True,
+                    waves=waves is not None and tool.waves.by_runner,
                     log_file=log,
                 )
         except (RuntimeError, SystemExit, OSError) as error:
@@ -120,6 +138,15 @@ def build(
             ) from error
 
     return _cached(cache, identity, simulator, top, compile_into)
+
+
+def _probe(waves: Waves, top: str, words: Sequence[str]) -> tuple[str, str] | None:
+    """Name and text of the source that records a waveform, if one is needed."""
+    if waves.probe is None:
+        return None
+    name, text = waves.probe
+    statements = (waves.word.format(name=word) for word in words)
+    return name, text.format(top=top, words="\n    ".join(statements))
 
 
 def build_executable(

@@ -19,6 +19,7 @@ def run_cocotb(
     *,
     environment: Mapping[str, str] | None = None,
     seed: int = 1,
+    waves: Path | None = None,
 ) -> int:
     """Run the cocotb tests of a module.
 
@@ -34,6 +35,8 @@ def run_cocotb(
         Further environment variables.
     seed
         Seed of cocotb's random numbers.
+    waves
+        Where to write a waveform, for which it must have been compiled.
 
     Returns
     -------
@@ -48,8 +51,9 @@ def run_cocotb(
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / "simulation.log"
     results = (folder / "results.xml").resolve()
+    options = None if waves is None else compiled.simulator.tool.waves.options(waves.resolve())
     try:
-        with tool_environment():
+        with tool_environment(last_arguments=options.last if options else ()):
             get_runner(compiled.simulator.value).test(
                 test_module=module,
                 hdl_toplevel=compiled.top,
@@ -60,6 +64,8 @@ def run_cocotb(
                 extra_env=dict(environment or {}),
                 seed=seed,
                 log_file=log,
+                test_args=options.first if options else (),
+                plusargs=options.plus if options else (),
             )
         count, failed = get_results(results)
     except (RuntimeError, SystemExit) as error:

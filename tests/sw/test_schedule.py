@@ -1,11 +1,11 @@
 """Schedules, their checker, control words, and the interpreter that executes them."""
 
-import dataclasses
 import random
 
 import numpy as np
 import pytest
 
+from support.random_cores import random_configuration
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.checker import ScheduleError, check_schedule
 from ukf_sw.engine.control_word import ControlFormat
@@ -16,30 +16,9 @@ from ukf_sw.engine.operations import Kind, ProgramBuilder
 from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
-from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
-
-
-def random_configuration(rng, largest=5):
-    n, m = rng.randint(1, largest), rng.randint(1, largest)
-    process, observation = rng.choice(list(Noise)), rng.choice(list(Noise))
-    params = UkfParams(
-        n=n,
-        m=m,
-        q=rng.choice([0, n]) if process is Noise.ADDITIVE else rng.randint(0, largest),
-        r=rng.choice([0, m]) if observation is Noise.ADDITIVE else rng.randint(0, largest),
-        process_noise=process,
-        observation_noise=observation,
-        form=rng.choice(list(Form)),
-        W0=rng.choice([0.0, 0.5]),
-        format=rng.choice([BINARY32, BINARY32, BINARY16, BFLOAT16, BINARY64]),
-    )
-    pipeline = Pipeline(
-        multiply=rng.randint(1, 5), add=rng.randint(1, 6), reciprocal_sqrt=rng.randint(1, 9)
-    )
-    return dataclasses.replace(params, pes=rng.randint(1, params.columns)), pipeline
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -37,7 +37,7 @@ def test_commands_have_the_same_options_of_a_core():
     commands = get_command(app).commands
     expected = {"configuration", *PARAMETERS}
     for name in ("generate", "latency", "cosim", "run", "resources", "timing", "sweep", "package",
-                 "testbench", "export", "c-loop", "c-arm"):  # fmt: skip
+                 "testbench", "export", "c-loop", "c-arm", "disassemble"):  # fmt: skip
         options = {option.name: option.opts for option in commands[name].params}
         assert expected <= options.keys(), name
         assert options["W0"] == ["--w0"]
@@ -46,7 +46,7 @@ def test_commands_have_the_same_options_of_a_core():
 
 def test_help_names_the_commands(ukf):
     text = ukf("--help").stdout
-    for command in ("generate", "cosim", "run", "latency", "new"):
+    for command in ("generate", "cosim", "run", "latency", "new", "disassemble"):
         assert command in text
 
 
@@ -96,6 +96,36 @@ def test_square_root_form_is_fast_enough(ukf, pes, limit):
 def test_covariance_form_is_fast_enough(ukf, pes, limit):
     options = ("--config", "nanosat", "--pes", pes, "--form", "covariance", "--json")
     assert json.loads(ukf("latency", *options).stdout)["total"] <= limit
+
+
+# Disassembly.
+
+
+@pytest.mark.parametrize("program", ["UPDATE", "init"])
+def test_disassemble_a_program(ukf, program):
+    lines = ukf("disassemble", *TINY, "--program", program).stdout.splitlines()
+    code = microcode(TINY_PARAMS, Pipeline())
+    chosen = Program[program.upper()]
+    operations = len(code.programs[chosen].plan.operations)
+    words = len(code.words_of(chosen))
+    assert f"{chosen.name}: {words} words, {operations} operations" in lines
+    assert "Columns: 0..5 sigma points, 6 right-hand side." in lines
+    start = lines.index("clock  done  operation") + 1
+    # Reads fill the first column, writes the second; a line without reads is a root's.
+    assert sum(bool(line[6:11].strip()) for line in lines[start:]) >= operations
+    assert max(map(len, lines)) <= 100
+    assert sum("words, " in line for line in lines) == 1
+
+
+def test_disassemble_all_as_json(ukf):
+    record = json.loads(ukf("disassemble", *TINY, "--json").stdout)
+    code = microcode(TINY_PARAMS, Pipeline())
+    assert record["columns"] == {"sigma points": [0, 1, 2, 3, 4, 5], "right-hand side": [6]}
+    assert [each["program"] for each in record["programs"]] == [each.name for each in Program]
+    for each in record["programs"]:
+        plan = code.programs[Program[each["program"]]].plan
+        assert each["words"] == plan.length
+        assert sorted(entry["clock"] for entry in each["operations"]) == sorted(plan.issue)
 
 
 # Generate.
@@ -311,6 +341,10 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("c-arm", "--n", 2, "--m", 1), "whose models are in C, not None"),
         (("run", "--config", "nanosat", "--p0", -1), "P0 must be more than 0"),
         (("run", "--n", 2, "--m", 1, "--p0", 0), "P0 must be more than 0"),
+        (
+            ("disassemble", "--config", "nanosat", "--program", "draw"),
+            "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, not 'draw'",
+        ),
         (("cosim", "--config", "nanosat", "--simulator", "spice"), "'--simulator'"),
         (("cosim", "--config", "nanosat", "--bus-latency", -1), "'--bus-latency'"),
         (("cosim", "--config", "nanosat", "--bus-latency", "inf"), "--bus-latency must be"),

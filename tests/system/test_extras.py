@@ -27,6 +27,7 @@ COMMANDS = {
     "c-loop": (NANOSAT, ["hdl", "golden"]),
     "c-loop ": ([*NANOSAT, "--beside-cocotb", "1"], ["hdl", "sim", "golden"]),
     "cosim": (SMALL, ["hdl", "sim", "golden"]),
+    "disassemble": (SMALL, []),
     "export": (["--config", "nanosat", "--steps", "2"], []),
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
@@ -47,8 +48,8 @@ COMMANDS = {
 }
 #: Those that take a second.
 QUICK = (
-    "apps list", "apps run  ", "export", "generate", "latency", "new", "package", "run ",
-    "testbench",
+    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "new", "package",
+    "run ", "testbench",
 )  # fmt: skip
 
 #: Runs the command line where the modules of its first argument cannot be imported.

@@ -204,7 +204,7 @@ def _execute(
                 couplings[row] = max(couplings[row], abs(bus))
             elif word["row"] > 0:
                 row = word["row"] - 1
-                finite = bus < np.inf
+                finite = bool(bus < np.inf)
                 if row < array.observations:
                     is_noise = _is_noise(bus, couplings[row], array.noise_exponent)
                     if (not bus > 0.0 and (bus != 0.0 or (mask >> row) & 1)) or is_noise:

@@ -11,6 +11,7 @@ formed in place, column by column.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,12 @@ class Vector:
         The beats that exist. Columns below or above are not stored.
     pes
         Number of lanes.
+    columns
+        Columns that it has, from the first up to the last, exclusive.
     bank
         Which bank bit completes its addresses.
+    broadcast
+        Whether it is one number, the same in every lane.
     """
 
     name: str
@@ -49,7 +54,9 @@ class Vector:
     first: int
     beats: int
     pes: int
+    columns: tuple[int, int]
     bank: int = BANK_NONE
+    broadcast: bool = False
 
     def word(self, beat: int) -> Word:
         """Address of a beat.
@@ -83,6 +90,8 @@ class Layout:
     ----------
     sigma, rhs, columns
         Column of sigma point 0, column of the right-hand side, number of columns.
+    vectors
+        All vectors, in the order of their addresses.
     address_width
         Width of an address within a lane.
     """
@@ -105,6 +114,7 @@ class Layout:
         p = self.params
         full, to_rhs, points = (0, self.columns), (0, self.rhs + 1), (self.sigma, self.rhs)
         self._constants: list[tuple[Vector, NDArray[np.float64]]] = []
+        self.vectors: list[Vector] = []
         self._next = 0
         self._banked = 0
 
@@ -139,7 +149,9 @@ class Layout:
         #: State rows while they are eliminated.
         self.G = self._vectors("G", p.n, joint if covariance else full)
         #: 1/sqrt of every pivot, the same in every lane.
-        self.roots = self._vectors("root", p.m + p.n, (0, p.pes))
+        self.roots = [
+            self._vector(f"root[{j}]", (0, p.pes), broadcast=True) for j in range(p.m + p.n)
+        ]
 
         root = unit(p)
         scale = np.full(self.columns, 1.0 / root)
@@ -166,7 +178,14 @@ class Layout:
         ]
         return self._next <= self.depth
 
-    def _vector(self, name: str, columns: tuple[int, int], bank: int = BANK_NONE) -> Vector:
+    def _vector(
+        self,
+        name: str,
+        columns: tuple[int, int],
+        bank: int = BANK_NONE,
+        *,
+        broadcast: bool = False,
+    ) -> Vector:
         """Place a vector that has the columns from the first up to the last, exclusive."""
         pes = self.params.pes
         first = columns[0] // pes
@@ -174,7 +193,8 @@ class Layout:
         start, stop = self.bank_offset, self.bank_offset + self._banked
         if self._next < stop and self._next + beats > start:  # the other bank is in the way
             self._next = stop
-        vector = Vector(name, self._next, first, beats, pes, bank)
+        vector = Vector(name, self._next, first, beats, pes, columns, bank, broadcast)
+        self.vectors.append(vector)
         self._next += beats
         return vector
 
@@ -188,9 +208,11 @@ class Layout:
         name: str,
         columns: tuple[int, int],
         values: NDArray[np.float64],
+        *,
+        broadcast: bool = False,
     ) -> Vector:
         """Place a vector of fixed contents; lanes beside its columns hold zero."""
-        vector = self._vector(name, columns)
+        vector = self._vector(name, columns, broadcast=broadcast)
         row = np.zeros(vector.beats * self.params.pes)
         start = columns[0] - vector.first * self.params.pes
         row[start : start + len(values)] = values
@@ -199,7 +221,38 @@ class Layout:
 
     def _broadcast(self, name: str, value: float) -> Vector:
         """Place a word that holds one number in every lane."""
-        return self._constant(name, (0, self.params.pes), np.full(self.params.pes, value))
+        values = np.full(self.params.pes, value)
+        return self._constant(name, (0, self.params.pes), values, broadcast=True)
+
+    @cached_property
+    def _owners(self) -> dict[Word, tuple[Vector, int]]:
+        """Vector and beat of every word."""
+        return {
+            vector.word(beat): (vector, beat)
+            for vector in self.vectors
+            for beat in range(vector.first, vector.first + vector.beats)
+        }
+
+    def find(self, word: Word) -> tuple[Vector, int]:
+        """Find the vector that a word belongs to, and which beat of it the word is.
+
+        Raises
+        ------
+        KeyError
+            If it belongs to none.
+        """
+        return self._owners[word]
+
+    @property
+    def spans(self) -> dict[str, tuple[int, int]]:
+        """Columns of the rows, from the first up to the last, exclusive, by name for people."""
+        spans = {
+            "additive observation noise": (0, self.sigma),
+            "sigma points": (self.sigma, self.rhs),
+            "right-hand side": (self.rhs, self.rhs + 1),
+            "additive process noise": (self.rhs + 1, self.columns),
+        }
+        return {name: (start, stop) for name, (start, stop) in spans.items() if stop > start}
 
     @property
     def bank_offset(self) -> int:

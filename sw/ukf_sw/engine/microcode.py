@@ -146,6 +146,10 @@ class Microcode:
         """Contents of the program memories: packets of the words, for each half of them."""
         return {half: PacketStream(self.format, half, self._encoded) for half in (READ, WRITE)}
 
+    def words_of(self, program: Program) -> list[int]:
+        """Give the control words of a program, one for each clock."""
+        return self._encoded[program]
+
     def clocks(self, program: Program) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""
         clocks = self.programs[program].plan.length + STEP_OVERHEAD

@@ -9,6 +9,7 @@ from ukf_tools.cli.apps import apps_app
 from ukf_tools.cli.baseline import baseline
 from ukf_tools.cli.c_software import c_arm, c_loop, export
 from ukf_tools.cli.cosim import cosim
+from ukf_tools.cli.disassemble import disassemble
 from ukf_tools.cli.estimates import latency, resources, timing
 from ukf_tools.cli.generate import generate
 from ukf_tools.cli.new import new
@@ -50,6 +51,7 @@ for command in (
     generate,
     latency,
     cosim,
+    disassemble,
     run,
     new,
     resources,

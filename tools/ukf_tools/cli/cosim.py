@@ -61,6 +61,16 @@ def cosim(
         Path,
         typer.Option("--cache", help="Folder of compiled cores.", rich_help_panel=COSIM),
     ] = Path("build/cosim"),
+    waves: Annotated[
+        Path | None,
+        typer.Option(
+            "--waves",
+            rich_help_panel=COSIM,
+            help="Waveform to write, with lists of signals for GTKWave and Surfer: "
+            + ", ".join(f"{each.tool.waves.suffix} for {each.value}" for each in Simulator)
+            + ". Compiles and simulates slower.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the software on the Verilog, compared with the golden model bit for bit.
@@ -70,9 +80,13 @@ def cosim(
     """
     try:
         simulator.require()
+        if waves is not None:
+            with checked():
+                simulator.require_waves(waves)
     except SimulatorError as error:
         fail(str(error), 1)
     from ukf_sim.cosimulation import cosimulate
+    from ukf_sim.signal_lists import signal_lists
     from ukf_sw.errors import StepError
     from ukf_sw.problems.judging import judge
     from ukf_sw.problems.recipe import Recipe
@@ -92,7 +106,7 @@ def cosim(
         try:
             found = cosimulate(
                 recipe.scenario, steps, pipeline=core.pipeline, simulator=simulator,
-                interrupt=interrupt, word_clocks=bus_latency, cache=cache,
+                interrupt=interrupt, word_clocks=bus_latency, cache=cache, waves=waves,
                 progress=lambda phase, done: tell(
                     phases[phase], done, steps if phase == "simulate" else None
                 ),
@@ -108,6 +122,10 @@ def cosim(
         plot_errors(image, drawn, core.title)
     record = _record(core, recipe.seed, p0, simulator.value, found, judged)
     record["plot"] = None if image is None else str(image)
+    record["waves"] = None
+    if waves is not None:
+        lists = {viewer: str(file) for viewer, file in signal_lists(waves).items()}
+        record["waves"] = {"file": str(waves), **lists}
     if as_json:
         print_json(record)
     else:
@@ -214,6 +232,13 @@ def _print_cosim(
     print_stop(found.run)
     if record["plot"]:
         results.print(f"Plot: {record['plot']}", soft_wrap=True)
+    if record["waves"]:
+        save, commands = (Path(record["waves"][viewer]) for viewer in ("gtkwave", "surfer"))
+        results.print(
+            f"Waveform: {record['waves']['file']}. In that folder: gtkwave {save.name}, or "
+            f"surfer --command-file {commands.name}",
+            soft_wrap=True,
+        )
     if found.mismatch is None:
         results.print(
             f"[bold green]Bit-exact[/]: {found.words_compared} words of the core equal the "

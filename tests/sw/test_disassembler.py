@@ -1,0 +1,301 @@
+"""The disassembler: what it finds in the words is what the programs were made of."""
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from support.random_cores import random_configuration
+from ukf_sw.engine.disassembler import MARKS, DisassemblyError, disassemble
+from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.microcode import Microcode, microcode
+from ukf_sw.engine.mnemonics import Mnemonics
+from ukf_sw.engine.operations import Beat, Kind
+from ukf_sw.engine.programs import build_program
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
+
+
+def marks_of(operation):
+    """Marks of the result of an operation of the list."""
+    row = operation.pivot if operation.pivot is not None else operation.coupling
+    marks = {
+        "row": row,
+        "coupling": None if operation.coupling is None else 1,
+        "innovation": 1 if operation.innovation else None,
+        "nis": 1 if operation.is_nis else None,
+    }
+    assert set(marks) == set(MARKS)
+    return {mark: value for mark, value in marks.items() if value is not None}
+
+
+def expected(operation, issue, code, registers):
+    """What the disassembler should say of an operation of the list."""
+    done = issue + code.timing.result(operation)
+    return {
+        "kind": operation.kind,
+        "beats": operation.beats,
+        "clocks": tuple(issue + k * code.pipeline.add for k in range(len(operation.beats))),
+        "scalar": registers.get(operation.scalar),
+        "subtract": operation.subtract,
+        "done": done,
+        "destination": operation.destination,
+        "lanes": operation.lanes,
+        "register": registers.get(operation.result),
+        "root": operation.root,
+        "root_clock": done + code.pipeline.reciprocal_sqrt if operation.root else None,
+        "observation": operation.observation,
+        "marks": marks_of(operation),
+    }
+
+
+def said(instruction):
+    """What the disassembler says, as a dict."""
+    return {name: getattr(instruction, name) for name in instruction.__slots__}
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_disassembly_is_the_operation_list(seed):
+    """Every operation is found at its clock with its operands, and nothing else."""
+    params, pipeline = random_configuration(random.Random(300 + seed))
+    code = microcode(params, pipeline)
+    kinds = set()
+    for program in Program:
+        plan, registers = code.programs[program]
+        # The list is made anew; the schedule adds the clocks, and the scalars by their places.
+        operations = build_program(Layout(params), program)
+        assert len(operations) == len(plan.operations) == len(plan.issue)
+        numbers = {}
+        for own, planned in zip(operations, plan.operations, strict=True):
+            if own.result is not None and planned.result in registers:
+                numbers[own.result] = registers[planned.result]
+        wanted = sorted(
+            (expected(operation, issue, code, numbers)
+             for operation, issue in zip(operations, plan.issue, strict=True)),
+            key=lambda entry: entry["clocks"],
+        )  # fmt: skip
+        assert [said(entry) for entry in disassemble(code, program)] == wanted
+        kinds |= {operation.kind for operation in operations}
+    assert kinds == set(Kind)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_registers_hold_the_operands(seed):
+    """The register that an operation reads was written last by the one whose result it takes."""
+    params, pipeline = random_configuration(random.Random(400 + seed))
+    code = microcode(params, pipeline)
+    for program in Program:
+        plan = code.programs[program].plan
+        producer = {
+            operation.result: issue + code.timing.result(operation)
+            for operation, issue in zip(plan.operations, plan.issue, strict=True)
+        }
+        scalars = dict(zip(plan.issue, (op.scalar for op in plan.operations), strict=True))
+        found = disassemble(code, program)
+        written = sorted((i.done, i.register) for i in found if i.register is not None)
+        for instruction in found:
+            if instruction.scalar is not None:
+                clock = instruction.clocks[0]
+                latest = max(
+                    done for done, register in written
+                    if register == instruction.scalar and done < clock
+                )  # fmt: skip
+                assert latest == producer[scalars[clock]]
+
+
+@pytest.mark.parametrize("form", list(Form))
+def test_no_bit_is_overlooked(form):
+    """Words with one bit turned give another disassembly, or none."""
+    params = UkfParams(n=2, m=2, q=1, r=2, observation_noise=Noise.ADDITIVE, pes=3, form=form)
+    code = Microcode(params, Pipeline(add=3))
+    refused = changed = 0
+    for program in Program:
+        words = code.words_of(program)
+        right = disassemble(code, program)
+        for clock in random.Random(1).sample(range(len(words)), 4):
+            for bit in range(code.format.width):
+                words[clock] ^= 1 << bit
+                try:
+                    assert disassemble(code, program) != right, (program, clock, bit)
+                    changed += 1
+                except DisassemblyError:
+                    refused += 1
+                words[clock] ^= 1 << bit
+        assert disassemble(code, program) == right
+    assert refused > 100
+    assert changed > 100
+
+
+def words_with(program, clock, **fields):
+    """Tiny core, in one of whose programs a word has further fields."""
+    code = Microcode(UkfParams(n=1, m=1), Pipeline())
+    code.words_of(program)[clock] |= code.format.encode(fields)
+    return code
+
+
+@pytest.mark.parametrize(
+    ("clock", "fields", "message"),
+    [
+        (0, {"first": 1}, "^first of clock 0 must belong to an operation, not be 1 for none$"),
+        (4, {"address_0": 1}, r"^address_0 of clock 4 must be that of a vector, not \(1, 0\)$"),
+        (4, {"dot": 1, "bank_state_0": 1}, "must be that of a vector"),
+        (2, {"bus_source": 1}, "^bus_source of clock 2 must belong to an operation"),
+        (0, {"bank_factor_1": 1}, "^bank_factor_1 of clock 0 must belong to an operation"),
+    ],
+)
+def test_words_that_are_no_program(clock, fields, message):
+    with pytest.raises(DisassemblyError, match=message):
+        disassemble(words_with(Program.INIT, clock, **fields), Program.INIT)
+
+
+def test_the_end_must_be_marked():
+    code = words_with(Program.INIT, 0)
+    words = code.words_of(Program.INIT)
+    words[-1] ^= code.format.encode({"last": 1})
+    with pytest.raises(DisassemblyError, match="must be marked as last"):
+        disassemble(code, Program.INIT)
+
+
+# Names.
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_word_has_its_name(seed):
+    params, pipeline = random_configuration(random.Random(500 + seed))
+    code = microcode(params, pipeline)
+    layout, mnemonics = code.layout, Mnemonics(code)
+    rows = {
+        "L": layout.L, "X": layout.X, "W": layout.W, "V": layout.V, "Z": layout.Z, "P": layout.P,
+        "LQ": layout.LQ, "LR": layout.LR, "F": layout.F, "Ex": layout.Ex, "Ez": layout.Ez,
+        "Az": layout.Az, "Ax": layout.Ax, "G": layout.G,
+    }  # fmt: skip
+    vectors = [(f"{name}[{i}]", row) for name, group in rows.items() for i, row in enumerate(group)]
+    for name, vector in [("x", layout.x), ("scale", layout.scale), *vectors]:
+        for beat in range(vector.first, vector.first + vector.beats):
+            for lane in range(params.pes):
+                column = beat * params.pes + lane
+                assert mnemonics.place(vector.word(beat), 1 << lane) == f"{name}[{column}]"
+    for j, root in enumerate(layout.roots):
+        assert mnemonics.place(root.word(0)) == f"root[{j}]"
+    assert mnemonics.place(layout.one.word(0)) == "one"
+
+
+def test_columns_are_said_as_runs():
+    code = microcode(UkfParams(n=4, m=2, pes=6), Pipeline())
+    mnemonics, word = Mnemonics(code), code.layout.X[3].word(1)
+    assert mnemonics.place(word) == "X[3][6..11]"
+    assert mnemonics.place(word, 0b101110) == "X[3][7..9,11]"
+    assert mnemonics.place(code.layout.x.word(0), 0b1000, written=True) == "x'[3]"
+    assert mnemonics.place(code.layout.L[2].word(0), 0b11, written=True) == "L'[2][0..1]"
+    assert mnemonics.place(code.layout.L[2].word(0), 0b11) == "L[2][0..1]"
+
+
+def texts(code, program):
+    mnemonics = Mnemonics(code)
+    return [line for entry in disassemble(code, program) for line in mnemonics.lines(entry)]
+
+
+def test_listing_of_a_small_program():
+    """INIT of one state: x and L pass over the bus, which checks them."""
+    code = microcode(UkfParams(n=1, m=1), Pipeline())
+    assert {line.text for line in texts(code, Program.INIT)} == {
+        "LOAD     s0 = x[0]",
+        "LOAD     s0 = L[0][0]",
+    }
+
+
+def test_listing_of_an_update():
+    """One state, one observation without noise, three sigma points on two lanes."""
+    code = microcode(UkfParams(n=1, m=1, pes=2, observation_noise=Noise.ADDITIVE), Pipeline())
+    lines = texts(code, Program.UPDATE)
+    found = "\n".join(line.text for line in lines)
+    for text in (
+        "DOT      s0 = Z[0][0..1] . weights[0..1]",
+        "            + Z[0][2] . weights[2]  (0 if z[0] masked)",
+        "AXPY     Ez[0][0..1] = Z[0][0..1] - s0 * ones[0..1]  (0 if z[0] masked)",
+        "MULTIPLY Ez[0][0..1] = Ez[0][0..1] * root[0]",
+        "         root[0] = 1/sqrt of it",
+        "  (pivot 0)",
+        " * inverse_weight  (nis)",
+        "SCALE    x'[0] = -s",
+        "MULTIPLY L'[0][0] = F[0][0] * root_weight",
+    ):
+        assert text in found
+    # A result that is due later than it is asked for.
+    assert all(line.done is None or line.clock is None or line.done > line.clock for line in lines)
+
+
+@pytest.mark.parametrize("form", list(Form))
+@pytest.mark.parametrize("pes", [16, 32])
+def test_lines_are_short(form, pes):
+    """The largest core in a listing of 100 columns, of which 13 are clocks."""
+    params = UkfParams(
+        n=32, m=32, q=32, r=32, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+        form=form, pes=pes,
+    )  # fmt: skip
+    code = microcode(params, Pipeline())
+    longest = max(len(line.text) for line in texts(code, Program.UPDATE))
+    assert 70 < longest <= 87
+
+
+def test_record_says_the_same():
+    code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
+    mnemonics = Mnemonics(code)
+    *_, nis = (entry for entry in disassemble(code, Program.UPDATE) if "nis" in entry.marks)
+    record = mnemonics.record(nis)
+    assert record["operation"] == "SCALE"
+    assert record["clock"] == record["beats"][0]["clock"] == nis.clocks[0]
+    assert record["beats"][0]["reads"] == [
+        {"vector": "inverse_weight", "columns": None, "banked": False}
+    ]
+    assert record["writes"] == [{"clock": record["done"], "register": nis.register}]
+    assert record["marks"] == {"nis": 1}
+    (pivot,) = (entry for entry in disassemble(code, Program.UPDATE) if entry.marks == {"row": 0})
+    assert mnemonics.record(pivot)["writes"][-1] == {
+        "clock": pivot.root_clock, "vector": "root[0]", "columns": None, "banked": False,
+        "is": "1/sqrt",
+    }  # fmt: skip
+
+
+def test_words_by_themselves():
+    """What a waveform shows of a word: its reads and its writes."""
+    code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
+    mnemonics = Mnemonics(code)
+    assert (mnemonics.reads(0), mnemonics.writes(0)) == ("-", "-")
+    for program in Program:
+        words = code.words_of(program)
+        for entry in disassemble(code, program):
+            reads = mnemonics.reads(words[entry.clocks[0]])
+            writes = mnemonics.writes(words[entry.done])
+            assert reads.startswith("AXPY" if entry.kind is Kind.SCALE else entry.kind.name)
+            if entry.register is not None:
+                assert writes.startswith(f"s{entry.register} = ")
+            if entry.destination is not None:
+                place = mnemonics.place(entry.destination, entry.lanes, written=True)
+                assert f"{place} = " in writes
+            for mark in set(entry.marks) - {"row", "coupling"}:
+                assert mark in writes
+            if "row" in entry.marks:
+                assert f" {entry.marks['row']}" in writes.split("pivot" if entry.root else "row")[1]
+    assert mnemonics.writes(words[-1]).endswith("last")
+
+
+@pytest.mark.parametrize(
+    ("marks", "text"),
+    [
+        ({"row": 2}, "(pivot 2)"),
+        ({"row": 2, "coupling": 1}, "(couples row 2)"),
+        ({"nis": 1}, "(nis)"),
+        ({"innovation": 1}, "(innovation)"),
+    ],
+)
+def test_marks_are_said(marks, text):
+    code = microcode(UkfParams(n=2, m=1), Pipeline())
+    instruction = replace(disassemble(code, Program.PREDICT)[0], marks=marks)
+    assert Mnemonics(code).lines(instruction)[-1].text.endswith(f"  {text}")
+
+
+def test_beats_have_the_lanes_that_take_part():
+    code = microcode(UkfParams(n=2, m=1, pes=4), Pipeline())
+    dots = [entry for entry in disassemble(code, Program.PREDICT) if entry.kind is Kind.DOT]
+    assert all(isinstance(beat, Beat) and beat.lanes for entry in dots for beat in entry.beats)
