@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Annotated
 
+import numpy as np
 import pytest
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
@@ -74,11 +75,15 @@ def cores(count, seed=1):
         ({"n": 2.0}, TypeError, "n must be an int, not 2.0"),
         ({"pes": 0}, ValueError, "pes must be at least 1, not 0"),
         ({"pes": 5}, ValueError, "pes must be between 1 and the number of columns, 4, not 5"),
-        ({"process_noise": "additive"}, TypeError,
-         "process_noise must be a Noise, not 'additive'"),
+        ({"process_noise": "colored"}, ValueError,
+         "process_noise must be one of augmented, additive, not 'colored'"),
         ({"observation_noise": None}, TypeError, "observation_noise must be a Noise, not None"),
-        ({"form": "square-root"}, TypeError, "form must be a Form, not 'square-root'"),
-        ({"format": "binary32"}, TypeError, "format must be a FloatFormat, not 'binary32'"),
+        ({"form": 1}, TypeError, "form must be a Form, not 1"),
+        ({"format": "fp32"}, ValueError,
+         f"format must be one of {KNOWN}, or like float6.17, not 'fp32'"),
+        ({"format": 32}, TypeError, "format must be a FloatFormat, not 32"),
+        ({"n": np.bool_(True)}, TypeError, "n must be an int, not True"),
+        ({"n": np.float64(2.0)}, TypeError, "n must be an int, not 2.0"),
         ({"W0": "0"}, TypeError, "W0 must be a number, not '0'"),
         ({"W0": False}, TypeError, "W0 must be a number, not False"),
         ({"W0": 1.0}, ValueError, "W0 must be at least 0 and less than 1, not 1.0"),

@@ -20,7 +20,8 @@ from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.problems.systems.recorded_imu import recorded_imu
 from ukf_sw.problems.systems.recorded_odometry import recorded_odometry
 from ukf_sw.problems.systems.reentry import reentry
-from ukf_sw.reference import lower_factor, sigma_coefficients, weights
+from ukf_sw.factors import lower_factor
+from ukf_sw.reference import sigma_coefficients, weights
 from ukf_sw.spec.parameters import Noise
 
 ENTRIES = list(CATALOGUE.values())

@@ -13,7 +13,7 @@ from ukf_sw.errors import BusError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
-from ukf_sw.reference import lower_factor
+from ukf_sw.factors import lower_factor
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams

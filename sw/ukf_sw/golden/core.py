@@ -4,7 +4,7 @@ Every word that the bus can read, and every word of the memories, equals the har
 """
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,6 +165,14 @@ class GoldenCore:
         self._cycles = 0
         self.flags = NO_FLAG
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_buffer"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        # The buffer is a view of the engine's memory.
+        self._buffer = GoldenBuffer(self.engine.layout, self.engine.memory)
+
     # What can be seen from outside.
 
     @property
@@ -309,7 +317,20 @@ class GoldenCore:
     # Steps.
 
     def _act(self, actions: int) -> None:
-        """CONTROL was written."""
+        """CONTROL was written. A program that Python interrupts has failed."""
+        before = vars(self).copy()
+        try:
+            if not self.busy:
+                self._program = None
+            self._control(actions)
+        except BaseException:
+            failed = self._program
+            vars(self).update(before)
+            if failed is not None and not self.busy:
+                self.flags &= ~ENDINGS[failed].failure.clears
+            raise
+
+    def _control(self, actions: int) -> None:
         if actions & _RESET:
             self._reset()
             return
@@ -406,7 +427,7 @@ class GoldenCore:
             raise RuntimeError("A step must run, not STATUS.STATE = IDLE")
         result = self._execute(None)
         step, program = self._step, self._program
-        self._step, self._program = Step.IDLE, None
+        self._step = Step.IDLE
         self._cycles = result.clocks
         self._done |= self._done_bit(step)
         self._signal("DONE")
