@@ -84,14 +84,14 @@ class Backend(Protocol):
         ...
 
     def recover(self) -> Array | None:
-        """Find out what the core holds after an error that has left it open, and finish what was
-        begun; gives the points of the last predict, as it gave them, if an update may use them.
+        """Find out what is held after an error that has left it open, and finish what was begun.
+
+        Gives the points of the last predict, as that gave them, if an update may use them.
         """
         ...
 
     def undo_predict(self) -> bool:
-        """Go back to before the last predict, if nothing has been factorised since; tells whether.
-        """
+        """Go back to before the last predict, unless it has been factorised; tells whether."""
         ...
 
     def noise_points(self) -> tuple[Array, Array]:

@@ -18,9 +18,9 @@ from ukf_sw.spec.registers import ErrorCode
 from ukf_sw.spec.sequence import Step
 
 __all__ = [
-    "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
+    "REFUSALS", "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
     "DevicePermissionError", "EstimateLostError", "FormatOverflowError", "IllegalStepError",
-    "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError", "REFUSALS",
+    "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
     "SingularObservationError", "StepError", "StepLostError", "UkfError", "WrongCoreError",
     "error_of",
 ]  # fmt: skip

@@ -4,6 +4,8 @@ Matrices are judged with their rows scaled to a diagonal near 1, so that varianc
 stand beside each other, and within the rounding errors of the type they came in.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,8 +33,8 @@ class IndefiniteError(ValueError):
         self.row = row
         self.reason = reason
 
-    def __reduce__(self) -> tuple[type, tuple[str, int, str]]:
-        return type(self), (self.rule, self.row, self.reason)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.rule, self.row, self.reason), self.__dict__
 
 
 def rounding_errors(size: int, epsilon: float) -> float:
@@ -142,10 +144,10 @@ def _lower_factor(A: Array, epsilon: float) -> Array:
     scales = _scales(A, rule)
     C = _scaled(A, scales)
     tolerance = rounding_errors(len(A), epsilon)
-    B = _eliminate(C, tolerance)
+    factor = _eliminate(C, tolerance)
     # A pivot that is small but not zero magnifies the rounding errors of those after it. What is
     # then added to the diagonal is not more than they are.
-    if not np.abs(C - B @ B.T).max(initial=0.0) <= tolerance:
+    if not np.abs(C - factor @ factor.T).max(initial=0.0) <= tolerance:
         _check_eigenvalues(C, -tolerance, rule)
-        B = np.linalg.cholesky(C + 2.0 * tolerance * np.eye(len(C)))
-    return B * scales[:, None]
+        factor = np.linalg.cholesky(C + 2.0 * tolerance * np.eye(len(C)))
+    return factor * scales[:, None]

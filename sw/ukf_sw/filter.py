@@ -173,9 +173,9 @@ class UnscentedKalmanFilter:
     """
 
     __slots__ = (
-        "_P0", "__weakref__", "_backend", "_certainty", "_f", "_gate", "_h", "_last_P",
+        "__weakref__", "_backend", "_certainty", "_f", "_first", "_gate", "_h", "_last_P",
         "_last_update", "_last_x", "_mask", "_noise", "_noise_points", "_observation_angles",
-        "_params", "_redraws", "_transformed", "_x0",
+        "_params", "_redraws", "_transformed",
     )  # fmt: skip
 
     def __init__(
@@ -211,8 +211,10 @@ class UnscentedKalmanFilter:
         )  # fmt: skip
         self._params = params
         self._redraws = params.additive_q > 0 if redraw is None else as_bool("redraw", redraw)
-        self._x0 = _vector(x0, "x0", params.n)
-        self._P0 = _covariance(P0, "P0", params.n, definite=self._needs_definite)
+        self._first = (
+            _vector(x0, "x0", params.n),
+            _covariance(P0, "P0", params.n, definite=self._needs_definite),
+        )
         self._noise = _covariance(Q, "Q", params.q), _covariance(R, "R", params.r)
         self._noise_points: tuple[Array, Array]
         self._mask = np.ones(params.m, dtype=np.bool_)
@@ -220,7 +222,7 @@ class UnscentedKalmanFilter:
         self._certainty = Certainty()
         self._backend = self._find_backend(backend)
         self._forget()
-        self._certainty.assign_anew(self._start, self._x0, self._P0)
+        self._certainty.assign_anew(self._start, *self._first)
 
     @property
     def _needs_definite(self) -> bool:
@@ -394,9 +396,9 @@ class UnscentedKalmanFilter:
         UkfError
             If the core cannot be reached or refuses.
         """
-        new_x = self._x0 if x is None else _vector(x, "x", self._params.n)
+        new_x = self._first[0] if x is None else _vector(x, "x", self._params.n)
         new_P = (
-            self._P0
+            self._first[1]
             if P is None
             else _covariance(P, "P", self._params.n, definite=self._needs_definite)
         )
@@ -451,9 +453,7 @@ class UnscentedKalmanFilter:
             if undone:
                 self._transformed = self._last_x = self._last_P = None
         if not undone:
-            raise ValueError(
-                "undo_predict must follow a predict that nothing has factorised since"
-            )
+            raise ValueError("undo_predict must follow a predict that nothing has factorised since")
 
     def predict(self, u: Any = None, **arguments: Any) -> None:
         """Predict the state at the next step.

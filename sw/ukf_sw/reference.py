@@ -78,8 +78,9 @@ class ReferenceUkf:
         self._weights = weights(params.M, params.W0)
         self._sigma = sigma_coefficients(params.M, params.W0)
         self._gate = np.inf
-        self._noise: tuple[Array, Array] = np.zeros((params.q, params.q)), np.zeros(
-            (params.r, params.r)
+        self._noise: tuple[Array, Array] = (
+            np.zeros((params.q, params.q)),
+            np.zeros((params.r, params.r)),
         )
         self._estimate = _Estimate(np.zeros(params.n), np.zeros((params.n, params.n)))
 
@@ -230,7 +231,7 @@ class ReferenceUkf:
         residuals = self._estimate.residuals
         if residuals is None:
             residuals = self.sigma_points() - self._estimate.x[:, None]
-        x, P = self._estimate[:2]
+        before = self._estimate
         points, innovation = points[mask], z[mask]
         with np.errstate(over="ignore", invalid="ignore"):
             z_mean = points @ self._weights
@@ -251,8 +252,8 @@ class ReferenceUkf:
                 raise NotFiniteError(Step.UPDATE)
         if nis > self._gate:
             return nis, True
-        P = P - K @ S @ K.T
-        self._estimate = _Estimate(x + K @ innovation, (P + P.T) / 2.0)
+        P = before.P - K @ S @ K.T
+        self._estimate = _Estimate(before.x + K @ innovation, (P + P.T) / 2.0)
         return nis, False
 
     def _additive_Q(self) -> Array:

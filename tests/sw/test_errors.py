@@ -5,6 +5,7 @@ import pickle
 import pytest
 
 from ukf_sw import errors
+from ukf_sw.factors import IndefiniteError
 from ukf_sw.spec.sequence import Step
 
 EXAMPLES = [
@@ -17,6 +18,10 @@ EXAMPLES = [
     errors.NotPositiveDefiniteError(Step.UPDATE, 2),
     errors.NotFiniteError(Step.INIT),
     errors.IllegalStepError(Step.PREDICT),
+    errors.NotRecoveredError(),
+    errors.EstimateLostError(),
+    errors.FormatOverflowError("x", 1e39, 3e38),
+    IndefiniteError("must be positive definite", 3, "it is not"),
 ]
 
 

@@ -4,6 +4,7 @@ import filterpy.kalman
 import numpy as np
 import pytest
 
+from ukf_sw.factors import lower_factor
 from ukf_sw.models import wrap
 from ukf_sw.problems import data
 from ukf_sw.problems.catalogue import CATALOGUE
@@ -20,7 +21,6 @@ from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.problems.systems.recorded_imu import recorded_imu
 from ukf_sw.problems.systems.recorded_odometry import recorded_odometry
 from ukf_sw.problems.systems.reentry import reentry
-from ukf_sw.factors import lower_factor
 from ukf_sw.reference import sigma_coefficients, weights
 from ukf_sw.spec.parameters import Noise
 

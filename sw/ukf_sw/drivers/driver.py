@@ -159,7 +159,7 @@ class Driver:
         if not timeout > 0.0:
             raise ValueError(f"timeout must be more than 0 s, not {timeout!r}")
         for name, function in (("interrupt", interrupt), ("clock", clock)):
-            if not (function is None and name == "interrupt" or callable(function)):
+            if not callable(function) and (name, function) != ("interrupt", None):
                 raise TypeError(f"{name} must be callable, not {function!r}")
         self._bus = bus
         self._params = params

@@ -318,10 +318,10 @@ class GoldenCore:
 
     def _act(self, actions: int) -> None:
         """CONTROL was written. A program that Python interrupts has failed."""
+        if not self.busy:
+            self._program = None
         before = vars(self).copy()
         try:
-            if not self.busy:
-                self._program = None
             self._control(actions)
         except BaseException:
             failed = self._program

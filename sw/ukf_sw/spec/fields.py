@@ -27,8 +27,7 @@ _KINDS: dict[type, tuple[str, tuple[type, ...]]] = {
 
 def _as(kind: type[Any], name: str, value: Any) -> Any:
     called, kinds = _KINDS[kind]
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
+    value = value[()] if getattr(value, "shape", None) == () else value
     if not isinstance(value, kinds) or (isinstance(value, bool) and kind is not bool):
         raise TypeError(f"{name} must be {called}, not {value!r}")
     return kind(value)
