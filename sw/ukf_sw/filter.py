@@ -348,7 +348,8 @@ class UnscentedKalmanFilter:
 
     def _check_mask(self, value: ArrayLike) -> Mask:
         mask = np.asarray(value)
-        if mask.dtype.kind not in "biuf" or not np.isin(mask, (0, 1)).all():
+        numbers = mask.dtype.kind in "iuf" and bool(((mask == 0) | (mask == 1)).all())
+        if not (mask.dtype == np.bool_ or numbers):
             raise TypeError(f"mask must be an array of bool, or of 0 and 1, not {value!r}")
         if mask.shape != (self._params.m,):
             raise ValueError(f"mask must have the shape {(self._params.m,)}, not {mask.shape!r}")
