@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import filterpy.kalman
@@ -508,3 +509,13 @@ def test_only_judged_steps_count():
         judge(results, after=0.3)
     with pytest.raises(ValueError, match=r"^judged must have 50 steps, not 49$"):
         replace(scenario, judged=judged[1:])
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+def test_a_filter_can_be_pickled_and_goes_on(entry):
+    scenario = entry.scenario(steps=2)
+    ukf = scenario.filter("reference")
+    twin = pickle.loads(pickle.dumps(ukf))
+    for each in (ukf, twin):
+        each.predict(None if scenario.inputs is None else scenario.inputs[0])
+    assert np.array_equal(ukf.x, twin.x)
