@@ -268,17 +268,17 @@ class ReferenceUkf:
 
     def _check_regular(self, S: Array, mask: NDArray[np.bool_]) -> None:
         """Raise if S has a pivot that is not positive; name its row before masking."""
-        row, remainder, limits = 0, S.copy(), ZERO_PIVOT * len(S) * np.diag(S)
+        limits = ZERO_PIVOT * len(S) * np.diag(S)
         try:
             pivots = np.diag(np.linalg.cholesky(S)) ** 2
-        except np.linalg.LinAlgError:
-            while row < len(S) - 1 and remainder[row, row] > limits[row]:
-                remainder -= np.outer(remainder[row], remainder[row]) / remainder[row, row]
-                row += 1
-        else:
             if (pivots > limits).all():
                 return
             row = int((pivots > limits).argmin())
+        except np.linalg.LinAlgError:
+            row, remainder = 0, S.copy()
+            while row < len(S) - 1 and remainder[row, row] > limits[row]:
+                remainder -= np.outer(remainder[row], remainder[row]) / remainder[row, row]
+                row += 1
         raise SingularObservationError(Step.UPDATE, int(np.flatnonzero(mask)[row]))
 
     def state(self) -> Array:

@@ -165,6 +165,7 @@ class Driver:
         self._params = params
         self._interrupt = interrupt
         self._timeout = timeout
+        self._polls = max(timeout * POLLS_PER_SECOND, FEWEST_POLLS)
         self._clock = clock
         self._certainty = Certainty()
         self._read_many: Callable[[Addresses], Words] = getattr(bus, "read_many", self._read_each)
@@ -355,7 +356,7 @@ class Driver:
     def _wait(self, interrupt: Callable[[float], bool] | None) -> int:
         """Wait until no step runs, or for the time-out; gives the last STATUS."""
         deadline = self._clock() + self._timeout
-        polls = max(self._timeout * POLLS_PER_SECOND, FEWEST_POLLS)
+        polls = self._polls
         while True:
             late = False
             if interrupt is not None:

@@ -4,6 +4,7 @@ Every word that the bus can read, and every word of the memories, equals the har
 """
 
 from collections.abc import Callable
+from operator import attrgetter
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -69,6 +70,13 @@ def _mask_of(register: Register, *kinds: Access) -> int:
 
 #: Bits of each register that a write stores.
 _STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
+
+#: What a write to CONTROL may change.
+_CHANGING = (
+    "_step", "_program", "_step_mask", "_done", "_error_code", "_error_index", "_gated", "_cycles",
+    "_nis", "_interrupt_pending", "flags", "banks",
+)  # fmt: skip
+_what_changes = attrgetter(*_CHANGING)
 
 
 class EngineModel(Protocol):
@@ -320,12 +328,13 @@ class GoldenCore:
         """CONTROL was written. A program that Python interrupts has failed."""
         if not self.busy:
             self._program = None
-        before = vars(self).copy()
+        before = _what_changes(self)
         try:
             self._control(actions)
         except BaseException:
             failed = self._program
-            vars(self).update(before)
+            for name, value in zip(_CHANGING, before, strict=True):
+                setattr(self, name, value)
             if failed is not None and not self.busy:
                 self.flags &= ~ENDINGS[failed].failure.clears
             raise
