@@ -319,7 +319,7 @@ MUTANTS = [
         "sw/ukf_sw/drivers/driver.py",
         "predicted = self._before is not None and step is not Step.PREDICT",
         "predicted = self._before is not None",
-        RECOVERY,
+        "tests/sw/test_driver.py",
     ),
     Mutant(
         "driver: a factorisation that has happened is taken for none",

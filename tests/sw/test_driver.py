@@ -618,3 +618,15 @@ def test_a_driver_of_a_device_cannot_be_copied():
     for take in (copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match=r"^A filter or driver whose core is behind a Device "):
             take(driver)
+
+
+def test_a_predict_that_has_failed_unseen_has_not_happened():
+    driver, bus, _ = start()
+    points = driver.sigma_points()
+    bus.refuse = ERROR.offset
+    with pytest.raises(BusError):
+        driver.predict(points * 1e300)
+    bus.refuse = None
+    assert driver.recover() is None
+    assert not driver.undo_predict()
+    np.testing.assert_array_equal(driver.sigma_points(), points)
