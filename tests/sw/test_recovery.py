@@ -266,6 +266,7 @@ def test_recovering_may_fail_as_well(case, name, done):
             broken += 1
             bus.break_at(None, False)
             ukf.recover()
+        bus.break_at(None, False)
         outcome(ukf, expected)
     assert broken > 0
 
