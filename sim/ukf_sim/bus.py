@@ -12,7 +12,7 @@ from cocotb.task import resume
 from cocotb.triggers import ClockCycles, First, RisingEdge, Timer
 from cocotbext.axi import AxiLiteBus, AxiLiteMasterRead, AxiLiteMasterWrite, AxiResp
 
-from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, OneCore, Words
 from ukf_sw.errors import BusError
 
 __all__ = ["ALL_BYTES", "CLOCK_HZ", "Answer", "CoreBench", "CosimBus", "Request"]
@@ -204,7 +204,7 @@ class CoreBench:
         return self.dut.irq.value == 1
 
 
-class CosimBus:
+class CosimBus(OneCore):
     """The bus for a driver, in a thread that :func:`cocotb.task.bridge` has made.
 
     Parameters

@@ -21,7 +21,7 @@ import numpy as np
 from ukf_sim.lockstep import MismatchError
 from ukf_sim.session import CACHE, Context, Job, run_job, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
-from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, OneCore, Words
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -56,7 +56,7 @@ def serve(context: Context, *, address: str) -> None:
             connection.send(answer)
 
 
-class RemoteBus:
+class RemoteBus(OneCore):
     """A core in a simulator of its own, as a bus. Close it, or let it be forgotten.
 
     Parameters

@@ -54,8 +54,9 @@ class Backend(Protocol):
     """What computes the steps of a filter.
 
     :class:`ukf_sw.reference.ReferenceUkf` and :class:`ukf_sw.drivers.driver.Driver` are backends.
-    Arguments have been checked when they arrive here. A step that raises leaves the estimate as
-    it was.
+    Arguments have been checked when they arrive here. What is in
+    :data:`ukf_sw.errors.REFUSALS` leaves everything as it was; after any other error a backend may
+    refuse, until :meth:`recover` or :meth:`initialise`, what needs to know the state of a core.
     """
 
     @property
@@ -81,6 +82,17 @@ class Backend(Protocol):
 
     def set_gate(self, gate: float) -> None:
         """Reject updates with a NIS above the gate; infinity is off."""
+        ...
+
+    def recover(self) -> Array | None:
+        """Find out what is held after an error that has left it open, and finish what was begun.
+
+        Gives the points of the last predict, as that gave them, if an update may use them.
+        """
+        ...
+
+    def undo_predict(self) -> bool:
+        """Go back to before the last predict, unless it has been factorised; tells whether."""
         ...
 
     def noise_points(self) -> tuple[Array, Array]:

@@ -1,6 +1,15 @@
 """Errors of the filter, its driver and the core; all of them are a :class:`UkfError`.
 
 Wrong arguments are not among them: those are the usual TypeError and ValueError.
+
+What a method that raises has done:
+
+- TypeError, ValueError, and what is in :data:`REFUSALS`: nothing. Filter and core are as before.
+- Anything else (:class:`BusError`, :class:`CoreTimeoutError`, :class:`StepLostError`,
+  KeyboardInterrupt, ...), if it came while the core was asked: that is open. Filter and driver then
+  refuse with :class:`NotRecoveredError` whatever needs the core, until their ``recover()`` has
+  found out or has begun from what is known. After it, what broke off has happened as a whole or
+  not at all.
 """
 
 from typing import Any, ClassVar
@@ -9,10 +18,11 @@ from ukf_sw.spec.registers import ErrorCode
 from ukf_sw.spec.sequence import Step
 
 __all__ = [
-    "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
-    "DevicePermissionError", "IllegalStepError", "NotFiniteError",
-    "NotPositiveDefiniteError", "SingularObservationError", "StepError", "StepLostError",
-    "UkfError", "WrongCoreError", "error_of",
+    "REFUSALS", "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
+    "DevicePermissionError", "EstimateLostError", "FormatOverflowError", "IllegalStepError",
+    "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
+    "SingularObservationError", "StepError", "StepLostError", "UkfError", "WrongCoreError",
+    "error_of",
 ]  # fmt: skip
 
 
@@ -93,6 +103,47 @@ class WrongCoreError(UkfError):
         self.found = found
 
 
+class NotRecoveredError(UkfError):
+    """An error has left open what the core holds, and ``recover()`` has not been called since."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "An error has left open what the core has done: call recover() before going on, "
+            "or begin anew with reset()"
+        )
+
+
+class EstimateLostError(UkfError):
+    """The core has been reset while its estimate was a prediction that it had yet to factorise.
+
+    Whether the factor is that from before is not known, so there is no estimate any more.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The core has lost its estimate by a reset during a step: begin anew with reset()"
+        )
+
+
+class FormatOverflowError(UkfError, ValueError):
+    """A number is too large for the number format of the core. Nothing has been sent.
+
+    Parameters
+    ----------
+    name
+        What it belongs to.
+    value
+        The number.
+    limit
+        Largest number of the format.
+    """
+
+    def __init__(self, name: str, value: float, limit: float) -> None:
+        super().__init__(
+            f"{name} must be at most {limit:.6g}, the largest number of the format, not {value!r}"
+        )
+
+
 class StepError(UkfError):
     """A step did not succeed.
 
@@ -117,10 +168,11 @@ class StepError(UkfError):
 
 
 class CoreTimeoutError(StepError, TimeoutError):
-    """A step did not end in time. The driver has reset the core, which drops the step.
+    """A step did not end in time. It may end later.
 
-    The core keeps the last x and the last factor that were committed. If a PREDICT had not been
-    followed by another successful step, that is the predicted x with the factor from before.
+    ``recover()`` waits for it once more, and drops it if it still runs. What is left then is the
+    estimate from before the step or, if that was a prediction not yet factorised, from before the
+    prediction.
 
     Parameters
     ----------
@@ -164,7 +216,10 @@ class CoreError(StepError):
 
 
 class IllegalStepError(StepError):
-    """A step was started while one ran, out of sequence, or with the core disabled."""
+    """A step was started while one ran, out of sequence, or with the core disabled.
+
+    It has not begun, but the core is not in the state that the driver took it to be in.
+    """
 
     error_code = ErrorCode.ILLEGAL_STEP
 
@@ -234,3 +289,9 @@ def error_of(step: Step, code: int, index: int) -> StepError:
             return NotPositiveDefiniteError(step, index)
         case _:
             return CoreError(step, code, index)
+
+
+#: After these, what was asked for has not been done at all, and that is certain.
+REFUSALS = (
+    FormatOverflowError, NotFiniteError, NotPositiveDefiniteError, SingularObservationError,
+)  # fmt: skip

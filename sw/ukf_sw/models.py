@@ -25,7 +25,9 @@ eighth, ... call of a filter: it sends two sigma points through the model again.
 gets those two alone, in another order, so one that mixes columns is found as well.
 """
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,9 @@ PROBES = [2, 0]
 #: Sums of vectorized models may be rounded in another way for another number of columns. Allowed
 #: are these parts of the largest result of the row, and of all, which may have cancelled.
 ROW_TOLERANCE, TOLERANCE = 1e-9, 1e-12
+
+#: Errors that a model raises if it is given what it does not expect.
+MISUSE = (TypeError, ValueError, IndexError, AttributeError)
 
 
 def wrap(
@@ -73,6 +78,14 @@ def _add_note(error: Exception, note: str) -> None:
     error.__dict__.setdefault("__notes__", []).append(note)
 
 
+def _signature(function: Callable[..., Any]) -> inspect.Signature | None:
+    """What a function takes; None if it does not say, as some in C."""
+    try:
+        return inspect.signature(function)
+    except (TypeError, ValueError):
+        return None
+
+
 class CheckedModel:
     """A user's model, with checks of what it does; see :mod:`ukf_sw.models`.
 
@@ -82,14 +95,21 @@ class CheckedModel:
         The model; called as ``function(x, noise, *arguments, **keywords)``.
     role
         What it is, in messages, which add the name of the function.
-    noise
-        Name of its second argument, in messages.
+    takes
+        Names of its positional arguments, in messages.
+    asked_by
+        Method of the filter that calls it, in messages.
     rows
         Length of a result.
     vectorized
         Whether it takes all sigma points at once.
     angles
         Rows of the result that are angles in radians.
+
+    Raises
+    ------
+    TypeError
+        If the function cannot be called with so many arguments.
     """
 
     def __init__(
@@ -97,7 +117,8 @@ class CheckedModel:
         function: Callable[..., ArrayLike],
         *,
         role: str,
-        noise: str,
+        takes: tuple[str, ...],
+        asked_by: str,
         rows: int,
         vectorized: bool = False,
         angles: tuple[int, ...] = (),
@@ -106,7 +127,16 @@ class CheckedModel:
         inner: object = getattr(function, "func", function)
         self.name = f"{role} ({getattr(inner, '__name__', type(inner).__name__)})"
         self.function = function
-        self._noise = noise
+        signature = _signature(function)
+        if signature is not None:
+            try:
+                signature.bind_partial(*takes)
+            except TypeError as error:
+                raise TypeError(
+                    f"{self.name} must take ({', '.join(takes)}), not {signature}"
+                ) from error
+        self._noise = takes[1]
+        self._asked_by = asked_by
         self._rows = rows
         self._vectorized = vectorized
         self._angles = angles
@@ -144,7 +174,11 @@ class CheckedModel:
         ValueError
             If a result has a wrong shape, a row that matters is NaN or infinite or differs between
             two calls with equal arguments, or the model has changed its arguments. The message
-            names the model and the sigma point. So does a note at whatever the model itself raises.
+            names the model and the sigma point.
+        Exception
+            Whatever the model raises, with a note that names both. If the cause is an argument
+            that is missing, or one sigma point where the model wants all, or all where it wants
+            one, that is a TypeError or ValueError that says so.
         """
         given = arguments, keywords or {}
         numbers = range(points.shape[1])
@@ -199,17 +233,65 @@ class CheckedModel:
     def _call(
         self, x: Array, w: Array, given: tuple[tuple[Any, ...], Mapping[str, Any]], where: str
     ) -> object:
-        """Call the model; whatever it raises gets a note that says in which call."""
+        """Call the model; what it raises is explained, or gets a note that says in which call."""
         arguments, keywords = given
         try:
             return self.function(x, w, *arguments, **keywords)
         except Exception as error:
+            self._explain(error, x, w, given, where)
             _add_note(
                 error,
                 f"in {self.name}, {where}, called with x of shape {x.shape} and "
                 f"{self._noise} of shape {w.shape}",
             )
             raise
+
+    def _explain(
+        self,
+        error: Exception,
+        x: Array,
+        w: Array,
+        given: tuple[tuple[Any, ...], Mapping[str, Any]],
+        where: str,
+    ) -> None:
+        """Raise an error that says what the caller did wrong, if that is what it looks like."""
+        if not isinstance(error, MISUSE):
+            return
+        arguments, keywords = given
+        raised = f"{self.name} raised {type(error).__name__} ({error}), {where}"
+        signature = _signature(self.function)
+        if signature is not None:
+            try:
+                signature.bind(x, w, *arguments, **keywords)
+            except TypeError as misfit:
+                raise TypeError(
+                    f"{self._asked_by} must be given what {self.name} takes, {signature}: {misfit}"
+                ) from error
+        if self._vectorized and self._gives((self._rows,), x[:, 0], w[:, 0], given):
+            raise ValueError(
+                f"{raised}, but works for a single one: leave out vectorized=True, or let it take "
+                f"x of shape {x.shape}"
+            ) from error
+        if not self._vectorized:
+            pairs = np.stack([x, x], axis=1), np.stack([w, w], axis=1)
+            if self._gives((self._rows, 2), *pairs, given):
+                raise ValueError(
+                    f"{raised}, but works for several at once: say vectorized=True"
+                ) from error
+        if arguments == (None,) and not isinstance(error, ValueError):
+            raise TypeError(f"{raised}: {self._asked_by} was given no u, so u is None") from error
+
+    def _gives(
+        self,
+        shape: tuple[int, ...],
+        x: Array,
+        w: Array,
+        given: tuple[tuple[Any, ...], Mapping[str, Any]],
+    ) -> bool:
+        """Whether the model gives an array of a shape."""
+        with suppress(Exception):
+            return np.shape(self.function(x.copy(), w.copy(), *given[0], **given[1])) == shape
+        return False
 
     def _check(self, result: object, shape: tuple[int, ...], where: str) -> Array:
         """Check the kind and the shape of what the model returned."""

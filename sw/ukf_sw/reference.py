@@ -3,20 +3,25 @@
 Equation numbers are those of Soh and Wu 2018. Nothing here is shared with the golden model or the
 engine, so agreement between them means something. It keeps covariances, where the core keeps
 factors, and it has the core's steps: sigma points, predict, update.
+
+Whatever interrupts a step, the estimate is that from before it or that from after it.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
+from ukf_sw.factors import IndefiniteError, lower_factor
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.sequence import Step
 
-__all__ = ["ReferenceUkf", "lower_factor", "sigma_coefficients", "weights"]
+__all__ = ["ReferenceUkf", "sigma_coefficients", "weights"]
 
 Array = NDArray[np.float64]
 
-#: Pivots below this part of the diagonal are rounding errors of zero.
+#: Pivots of S below this part of the diagonal are rounding errors of zero.
 ZERO_PIVOT = 1e-14
 
 
@@ -46,45 +51,15 @@ def sigma_coefficients(M: int, W0: float) -> Array:
     return np.array(vectors).T
 
 
-def lower_factor(A: Array) -> Array:
-    """Lower triangular B with A = B B^T, for positive *semi*definite A.
+class _Estimate(NamedTuple):
+    """All that a step changes, so that it is replaced at once."""
 
-    The square root of equation 8. A pivot that is zero, but for rounding, gives a zero column; for
-    positive definite A this is the Cholesky factor.
-
-    Parameters
-    ----------
-    A
-        Symmetric matrix, shape (k, k).
-
-    Returns
-    -------
-    array of shape (k, k)
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If A is not positive semidefinite; its argument is the row of the bad pivot.
-    """
-    try:
-        return np.asarray(np.linalg.cholesky(A), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        pass
-    size = len(A)
-    B = np.zeros_like(A)
-    remainder = A.copy()
-    for j in range(size):
-        column = remainder[j:, j]
-        tolerance = ZERO_PIVOT * size * A[j, j]
-        if column[0] > tolerance:
-            B[j:, j] = column / np.sqrt(column[0])
-            remainder[j:, j:] -= np.outer(B[j:, j], B[j:, j])
-            continue
-        # |a_ij| <= sqrt(a_ii a_jj): beside a zero pivot the column must be zero as well.
-        limit = np.sqrt(ZERO_PIVOT * size * np.abs(A[j, j] * np.diag(A)[j:]))
-        if column[0] < -tolerance or (np.abs(column) > np.maximum(limit, tolerance)).any():
-            raise np.linalg.LinAlgError(j)
-    return B
+    x: Array
+    P: Array
+    points: Array | None = None  #: Sigma points of x and P.
+    predicted: Array | None = None  #: What a prediction was made from, if an update may use it.
+    residuals: Array | None = None  #: The same without its mean.
+    before: tuple[Array, Array] | None = None  #: x and P from before a prediction.
 
 
 class ReferenceUkf:
@@ -103,12 +78,11 @@ class ReferenceUkf:
         self._weights = weights(params.M, params.W0)
         self._sigma = sigma_coefficients(params.M, params.W0)
         self._gate = np.inf
-        self._estimate_x: Array = np.zeros(params.n)
-        self._estimate_P: Array = np.zeros((params.n, params.n))
-        self._noise_Q: Array = np.zeros((params.q, params.q))
-        self._noise_R: Array = np.zeros((params.r, params.r))
-        self._points: Array | None = None
-        self._residuals: Array | None = None
+        self._noise: tuple[Array, Array] = (
+            np.zeros((params.q, params.q)),
+            np.zeros((params.r, params.r)),
+        )
+        self._estimate = _Estimate(np.zeros(params.n), np.zeros((params.n, params.n)))
 
     @property
     def params(self) -> UkfParams:
@@ -117,35 +91,61 @@ class ReferenceUkf:
 
     def initialise(self, x: Array, P: Array, Q: Array, R: Array) -> None:
         """Start from an estimate (equation 4): x (n,), P (n, n), Q (q, q), R (r, r)."""
-        self._estimate_x, self._estimate_P = x.copy(), P.copy()
-        self._noise_Q, self._noise_R = Q.copy(), R.copy()
-        self._points = self._residuals = None
+        self._noise = Q.copy(), R.copy()
+        self._estimate = _Estimate(x.copy(), P.copy())
 
     def set_state(self, x: Array) -> None:
         """Replace x, shape (n,); P stays."""
-        self._estimate_x = x.copy()
-        self._points = self._residuals = None
+        self._estimate = _Estimate(x.copy(), self._estimate.P, before=self._estimate.before)
 
     def set_covariance(self, P: Array) -> None:
         """Replace P, shape (n, n); x stays."""
-        self._estimate_P = P.copy()
-        self._points = self._residuals = None
+        self._estimate = _Estimate(self._estimate.x, P.copy())
 
     def set_noise(self, Q: Array, R: Array) -> None:
-        """Replace Q (q, q) and R (r, r); the estimate stays."""
-        self._noise_Q, self._noise_R = Q.copy(), R.copy()
-        self._points = self._residuals = None
+        """Replace Q (q, q) and R (r, r); the estimate stays, and sigma points are drawn anew.
+
+        Raises
+        ------
+        NotPositiveDefiniteError
+            If P has become indefinite; then Q and R stay as well.
+        """
+        self.redraw()
+        self._noise = Q.copy(), R.copy()
 
     def set_gate(self, gate: float) -> None:
         """Reject updates with a NIS above the gate; infinity is off."""
         self._gate = gate
+
+    def recover(self) -> Array | None:
+        """Find out after an interrupt what an update may use.
+
+        Returns
+        -------
+        array or None
+            The points of the last predict, shape (n, N), if an update may still use them.
+        """
+        return self._estimate.predicted
+
+    def undo_predict(self) -> bool:
+        """Go back to before the last predict, if nothing has changed the covariance since.
+
+        Returns
+        -------
+        bool
+            Whether there was such a predict.
+        """
+        before = self._estimate.before
+        if before is not None:
+            self._estimate = _Estimate(*before)
+        return before is not None
 
     def noise_points(self) -> tuple[Array, Array]:
         """Sigma points of w (q, N) and of v (r, N) (equation 8); zeros for additive noise."""
         p = self._params
         rows: list[Array] = []
         first = p.n
-        for A, terms in ((self._noise_Q, p.augmented_q), (self._noise_R, p.augmented_r)):
+        for A, terms in zip(self._noise, (p.augmented_q, p.augmented_r), strict=True):
             if terms:
                 rows.append(lower_factor(A) @ self._sigma[first : first + terms])
             else:
@@ -162,18 +162,19 @@ class ReferenceUkf:
             If P has become indefinite.
         """
         self.redraw()
-        assert self._points is not None
-        return self._points.copy()
+        assert self._estimate.points is not None
+        return self._estimate.points.copy()
 
     def redraw(self) -> None:
         """Draw sigma points if the estimate has changed; raises as :meth:`sigma_points`."""
-        if self._points is None:
+        x, P, points, *_ = self._estimate
+        if points is None:
             try:
-                factor = lower_factor(self._estimate_P)
-            except np.linalg.LinAlgError as error:
-                raise NotPositiveDefiniteError(Step.SIG_GEN, int(error.args[0])) from error
-            self._points = self._estimate_x[:, None] + factor @ self._sigma[: self._params.n]
-            self._residuals = None
+                factor = lower_factor(P)
+            except IndefiniteError as error:
+                raise NotPositiveDefiniteError(Step.SIG_GEN, error.row) from error
+            points = x[:, None] + factor @ self._sigma[: self._params.n]
+            self._estimate = _Estimate(x, P, points)
 
     def predict(self, points: Array) -> Array:
         """Predict from transformed sigma points, shape (n, N) (equations 10 and 11).
@@ -194,7 +195,8 @@ class ReferenceUkf:
             P = (residuals * self._weights) @ residuals.T + self._additive_Q()
         if not (np.isfinite(x).all() and np.isfinite(P).all()):
             raise NotFiniteError(Step.PREDICT)
-        self._estimate_x, self._estimate_P, self._residuals, self._points = x, P, residuals, None
+        before = self._estimate
+        self._estimate = _Estimate(x, P, None, points, residuals, (before.x, before.P))
         return points
 
     def update(self, points: Array, z: Array, mask: NDArray[np.bool_]) -> tuple[float, bool]:
@@ -226,9 +228,10 @@ class ReferenceUkf:
         NotFiniteError
             If a result overflows.
         """
-        residuals = self._residuals
+        residuals = self._estimate.residuals
         if residuals is None:
-            residuals = self.sigma_points() - self._estimate_x[:, None]
+            residuals = self.sigma_points() - self._estimate.x[:, None]
+        before = self._estimate
         points, innovation = points[mask], z[mask]
         with np.errstate(over="ignore", invalid="ignore"):
             z_mean = points @ self._weights
@@ -248,40 +251,40 @@ class ReferenceUkf:
             if self._gate == np.inf:
                 raise NotFiniteError(Step.UPDATE)
         if nis > self._gate:
-            if self._residuals is None:
-                self._points = None
             return nis, True
-        P = self._estimate_P - K @ S @ K.T
-        self._estimate_x = self._estimate_x + K @ innovation
-        self._estimate_P = (P + P.T) / 2.0
-        self._points = self._residuals = None
+        P = before.P - K @ S @ K.T
+        self._estimate = _Estimate(before.x + K @ innovation, (P + P.T) / 2.0)
         return nis, False
 
     def _additive_Q(self) -> Array:
         """Process noise to add to P, shape (n, n); zero for augmented noise."""
         p = self._params
-        return self._noise_Q if p.additive_q else np.zeros((p.n, p.n))
+        return self._noise[0] if p.additive_q else np.zeros((p.n, p.n))
 
     def _additive_R(self) -> Array:
         """Observation noise to add to S, shape (m, m); zero for augmented noise."""
         p = self._params
-        return self._noise_R if p.additive_r else np.zeros((p.m, p.m))
+        return self._noise[1] if p.additive_r else np.zeros((p.m, p.m))
 
     def _check_regular(self, S: Array, mask: NDArray[np.bool_]) -> None:
         """Raise if S has a pivot that is not positive; name its row before masking."""
+        limits = ZERO_PIVOT * len(S) * np.diag(S)
         try:
-            pivots = np.diag(lower_factor(S)) ** 2
-        except np.linalg.LinAlgError as error:
-            pivots = np.ones(len(S))
-            pivots[error.args[0]] = 0.0
-        for row, pivot, size in zip(np.flatnonzero(mask), pivots, np.diag(S), strict=True):
-            if not pivot > ZERO_PIVOT * len(S) * size:
-                raise SingularObservationError(Step.UPDATE, int(row))
+            pivots = np.diag(np.linalg.cholesky(S)) ** 2
+            if (pivots > limits).all():
+                return
+            row = int((pivots > limits).argmin())
+        except np.linalg.LinAlgError:
+            row, remainder = 0, S.copy()
+            while row < len(S) - 1 and remainder[row, row] > limits[row]:
+                remainder -= np.outer(remainder[row], remainder[row]) / remainder[row, row]
+                row += 1
+        raise SingularObservationError(Step.UPDATE, int(np.flatnonzero(mask)[row]))
 
     def state(self) -> Array:
         """Estimate x, shape (n,)."""
-        return self._estimate_x.copy()
+        return self._estimate.x.copy()
 
     def covariance(self) -> Array:
         """Covariance P of the estimate, shape (n, n)."""
-        return self._estimate_P.copy()
+        return self._estimate.P.copy()

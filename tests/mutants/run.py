@@ -24,6 +24,7 @@ SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
 DESIGN_SPACE = "tests/system/test_design_space.py"
 C_DRIVER = "tests/system/test_c_driver.py"
+RECOVERY = "tests/sw/test_recovery.py -k access"
 
 
 @dataclass(frozen=True)
@@ -307,6 +308,41 @@ MUTANTS = [
         "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
         "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
         C_DRIVER,
+    ),
+    Mutant(
+        "filter: an error that leaves a doubt leaves none", "sw/ukf_sw/certainty.py",
+        "if kind is None or issubclass(kind, REFUSALS):", "if True:",
+        RECOVERY,
+    ),
+    Mutant(
+        "driver: a predict that broke off is taken for one that has happened",
+        "sw/ukf_sw/drivers/driver.py",
+        "predicted = self._before is not None and step is not Step.PREDICT",
+        "predicted = self._before is not None",
+        "tests/sw/test_driver.py",
+    ),
+    Mutant(
+        "driver: a factorisation that has happened is taken for none",
+        "sw/ukf_sw/drivers/driver.py",
+        "            if status & POINTS:\n", "            if False:\n",
+        RECOVERY,
+    ),
+    Mutant(
+        "driver: what broke off is not sent again", "sw/ukf_sw/certainty.py",
+        "            if self._unfinished is not None:\n", "            if False:\n",
+        RECOVERY,
+    ),
+    Mutant(
+        "driver: a lost interrupt is a time-out", "sw/ukf_sw/drivers/driver.py",
+        "            if late or not status & STATE:\n                return status",
+        "            if late or not status & STATE:\n                return status | STATE * late",
+        "tests/sw/test_driver.py",
+    ),
+    Mutant(
+        "filter: a predict whose covariance fails stays", "sw/ukf_sw/filter.py",
+        "                    self._backend.undo_predict()\n                    raise",
+        "                    raise",
+        "tests/sw/test_filter.py -k overflow",
     ),
     Mutant(
         "bus of a board: the interrupt is not enabled again", "sw/ukf_sw/drivers/uio.py",

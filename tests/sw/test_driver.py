@@ -1,10 +1,12 @@
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ukf_sw.backends import Backend
-from ukf_sw.drivers.bus import WordCodec
+from ukf_sw.drivers.bus import OneCore, WordCodec
 from ukf_sw.drivers.driver import Driver, Traffic
 from ukf_sw.errors import (
     BusError,
@@ -13,6 +15,7 @@ from ukf_sw.errors import (
     IllegalStepError,
     NotFiniteError,
     NotPositiveDefiniteError,
+    NotRecoveredError,
     SingularObservationError,
     StepLostError,
     UkfError,
@@ -168,6 +171,19 @@ def test_number_of_processing_elements_is_read_and_may_differ():
 def test_wrong_timeout_is_refused(timeout):
     with pytest.raises(ValueError, match=r"^timeout must be more than 0 s, not "):
         Driver(SingleBus(GoldenCore(SMALL)), SMALL, timeout=timeout)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"timeout": "1"}, "timeout must be a number, not '1'"),
+        ({"interrupt": True}, "interrupt must be callable, not True"),
+        ({"clock": None}, "clock must be callable, not None"),
+    ],
+)
+def test_options_of_the_wrong_kind_are_refused(options, message):
+    with pytest.raises(TypeError, match=f"^{message}$"):
+        Driver(SingleBus(GoldenCore(SMALL)), SMALL, **options)
 
 
 def test_wrong_params_are_refused():
@@ -336,7 +352,7 @@ def test_a_step_dropped_by_another_is_lost():
         driver.sigma_points()
 
 
-def test_polling_times_out_and_the_driver_goes_on():
+def test_polling_times_out_and_the_driver_recovers():
     driver, _, core = start(clock=Clock(), timeout=5.0)
     points = driver.sigma_points()
     core.hold = True
@@ -345,10 +361,67 @@ def test_polling_times_out_and_the_driver_goes_on():
         driver.predict(points + 1.0)
     assert isinstance(caught.value, TimeoutError)
     assert caught.value.timeout == 5.0
+    for ask in (driver.state, driver.sigma_points, driver.redraw, driver.reset, driver.covariance,
+                driver.noise_points, lambda: driver.set_gate(1.0)):  # fmt: skip
+        with pytest.raises(NotRecoveredError, match=r"call recover\(\)"):
+            ask()
+    assert driver.recover() is None
     core.hold = False
     np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
     np.testing.assert_array_equal(driver.sigma_points(), points)
     iterate(driver)
+
+
+def test_initialising_needs_no_recovery():
+    driver, bus, _ = start()
+    bus.refuse = STATUS.offset
+    with pytest.raises(BusError):
+        driver.redraw()
+    bus.refuse = None
+    driver.initialise(np.array([3.0, 4.0]), np.eye(2), np.eye(1), np.eye(2))
+    np.testing.assert_array_equal(driver.state(), [3.0, 4.0])
+
+
+def test_a_clock_that_stands_still_is_not_polled_for_ever():
+    driver, bus, core = start(clock=lambda: 7.0, timeout=0.01)
+    core.hold = True
+    bus.reads.clear()
+    with pytest.raises(CoreTimeoutError, match=r"^SIG_GEN did not end within 0\.01 s"):
+        driver.sigma_points()
+    assert 1000 <= bus.reads.count(STATUS.offset) <= 100_000
+
+
+def test_an_interrupt_that_stays_high_is_not_awaited_for_ever():
+    core = GoldenCore(SMALL)
+    driver, _, _ = start(core=core, clock=lambda: 7.0, timeout=0.01, interrupt=lambda left: True)
+    core.hold = True
+    with pytest.raises(CoreTimeoutError):
+        driver.sigma_points()
+
+
+@pytest.mark.parametrize("polling", [False, True])
+def test_a_step_that_has_ended_is_in_time_however_late_we_look(polling):
+    """The process may have been asleep, and the interrupt may have been lost."""
+    core = GoldenCore(SMALL)
+    driver, bus, _ = start(
+        core=core, clock=Clock(), timeout=1.0, interrupt=None if polling else lambda left: False
+    )
+    core.hold = True
+    read, polls = bus.read, 0
+
+    def end_unseen(address):
+        nonlocal polls
+        if address == STATUS.offset:
+            polls += 1
+            if core.busy and (not polling or polls == 2):
+                driver._clock.time += 1000.0
+                core.finish()
+        return read(address)
+
+    bus.read = end_unseen
+    points = driver.sigma_points()
+    assert points.shape == (2, 7)
+    assert Flag.POINTS in core.flags
 
 
 def test_polling_waits():
@@ -382,6 +455,7 @@ def test_points_overwritten_in_part_are_drawn_again():
     assert caught.value.address == bus.refuse
     bus.refuse = None
     assert Flag.POINTS in core.flags  # so SIG_GEN alone would do nothing
+    assert driver.recover() is None
     np.testing.assert_array_equal(driver.sigma_points(), points)
     np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
 
@@ -417,11 +491,14 @@ def test_interrupts_are_awaited_and_cleared():
     assert core.read(INTERRUPT_PENDING.offset) == (0, True)
 
 
-def test_a_missing_interrupt_times_out():
-    core = GoldenCore(SMALL)
-    with pytest.raises(CoreTimeoutError, match=r"^INIT did not end within 1\.0 s: no interrupt, "
-                       r"STATUS\.STATE was IDLE$"):  # fmt: skip
-        start(core=core, interrupt=lambda timeout: False)
+def test_a_missing_interrupt_is_waited_for_once_and_no_error():
+    waits = []
+    driver, _, core = start(interrupt=waits.append, timeout=2.0)
+    assert len(waits) == 1
+    core.hold = True
+    with pytest.raises(CoreTimeoutError, match=r"^SIG_GEN did not end within 2\.0 s: it still "
+                       r"runs, STATUS\.STATE was SIG_GEN$"):  # fmt: skip
+        driver.redraw()
 
 
 def test_a_spurious_interrupt_is_not_the_end():
@@ -463,6 +540,7 @@ def test_after_a_reset_by_another_the_driver_initialises_again():
     bus.read = reset_while_it_runs
     with pytest.raises(StepLostError, match=r"^PREDICT was dropped"):
         driver.predict(points + 1.0)
+    driver.recover()
     np.testing.assert_array_equal(driver.sigma_points(), points)
 
 
@@ -509,3 +587,46 @@ def test_status_has_every_field():
     status = driver.status()
     assert set(status) == {f"{r.name}.{f.name}" for r in (STATUS, ERROR) for f in r}
     assert status["STATUS.INITIALISED"] == 1
+
+
+def test_reset_in_a_prediction_goes_back_to_before_it():
+    """The core forgets the covariance of the prediction, so x is that of its factor again."""
+    driver, _, _ = start()
+    x, P = driver.state(), driver.covariance()
+    driver.predict(driver.sigma_points() * 2.0 + 1.0)
+    driver.reset()
+    np.testing.assert_array_equal(driver.state(), x)
+    np.testing.assert_array_equal(driver.covariance(), P)
+    assert not driver.undo_predict()
+
+
+def test_a_predict_without_having_read_the_points_can_be_undone():
+    driver, _, _ = start()
+    driver.redraw()
+    before = driver.traffic
+    driver.predict(np.ones((2, 7)))
+    assert (driver.traffic - before).words_read == 2  # x
+    assert driver.undo_predict()
+    np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
+
+
+def test_a_driver_of_a_device_cannot_be_copied():
+    class Device(OneCore, SingleBus):
+        pass
+
+    driver, _, _ = start(bus=Device(GoldenCore(SMALL)))
+    for take in (copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match=r"^A filter or driver whose core is behind a Device "):
+            take(driver)
+
+
+def test_a_predict_that_has_failed_unseen_has_not_happened():
+    driver, bus, _ = start()
+    points = driver.sigma_points()
+    bus.refuse = ERROR.offset
+    with pytest.raises(BusError):
+        driver.predict(points * 1e300)
+    bus.refuse = None
+    assert driver.recover() is None
+    assert not driver.undo_predict()
+    np.testing.assert_array_equal(driver.sigma_points(), points)

@@ -1,10 +1,13 @@
 """Errors pass from a process to another with all that they say."""
 
+import copy
 import pickle
 
 import pytest
 
 from ukf_sw import errors
+from ukf_sw.factors import IndefiniteError
+from ukf_sw.spec.registers import REGISTERS
 from ukf_sw.spec.sequence import Step
 
 EXAMPLES = [
@@ -17,6 +20,10 @@ EXAMPLES = [
     errors.NotPositiveDefiniteError(Step.UPDATE, 2),
     errors.NotFiniteError(Step.INIT),
     errors.IllegalStepError(Step.PREDICT),
+    errors.NotRecoveredError(),
+    errors.EstimateLostError(),
+    errors.FormatOverflowError("x", 1e39, 3e38),
+    IndefiniteError("must be positive definite", 3, "it is not"),
 ]
 
 
@@ -28,3 +35,9 @@ def test_errors_come_back_from_a_pickle(error):
     assert str(again) == str(error)
     assert vars(again) == vars(error)
     assert again.__notes__ == ["in a worker"]
+
+
+@pytest.mark.parametrize("register", REGISTERS, ids=lambda register: register.name)
+def test_registers_are_themselves_after_a_pickle(register):
+    assert pickle.loads(pickle.dumps(register)) is register
+    assert copy.deepcopy(register) is register

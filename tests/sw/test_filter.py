@@ -1,3 +1,5 @@
+import copy
+import pickle
 import re
 from functools import partial
 
@@ -6,14 +8,21 @@ import pytest
 
 from ukf_sw.backends import Backend
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.errors import BusError, CoreTimeoutError, NotFiniteError, SingularObservationError
+from ukf_sw.errors import (
+    CoreTimeoutError,
+    EstimateLostError,
+    FormatOverflowError,
+    NotFiniteError,
+    NotRecoveredError,
+    SingularObservationError,
+)
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.float_format import BINARY64
+from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
-from ukf_sw.spec.registers import STATUS
+from ukf_sw.spec.registers import CONTROL, GATE_LOW
 
 BACKENDS = ["reference", "golden"]
 PARAMS = UkfParams(n=3, m=2, q=2, r=2, format=BINARY64, pes=3)
@@ -75,12 +84,14 @@ BAD = [
     ({"P0": np.eye(3) + np.eye(3, k=1)}, ValueError,
      "P0 must be symmetric, not 1.0 at (0, 1) and 0.0 at (1, 0)"),
     ({"P0": np.diag([1.0, -2.0, 1.0])}, ValueError,
-     "P0 must be positive semidefinite, its smallest eigenvalue not -2.0"),
+     "P0 must be positive semidefinite, and is not in row 1: its variance is -2.0"),
+    ({"P0": np.diag([1e6, 1.0, -1e-8])}, ValueError,
+     "P0 must be positive semidefinite, and is not in row 2: its variance is -1e-08"),
     ({"P0": np.diag([1.0, 0.0, 1.0]),
       "params": UkfParams(n=3, m=2, q=2, r=2, form=Form.COVARIANCE)},
-     ValueError, "P0 must be positive definite, its smallest eigenvalue not 0.0"),
+     ValueError, "P0 must be positive definite, and is not in row 1: its variance is 0.0"),
     ({"Q": -np.eye(2)}, ValueError,
-     "Q must be positive semidefinite, its smallest eigenvalue not -1.0"),
+     "Q must be positive semidefinite, and is not in row 0: its variance is -1.0"),
     ({"Q": None}, TypeError, "Q must be a matrix of shape (2, 2), not None"),
     ({"R": np.eye(3)}, ValueError, "R must have the shape (2, 2), not (3, 3)"),
     ({"backend": "fpga"}, ValueError, "backend must be one of reference, golden, uio, pynq"),
@@ -90,6 +101,19 @@ BAD = [
     ({"state_angles": (3,)}, ValueError, "state_angles must be between 0 and 2, not 3"),
     ({"observation_angles": (-1,)}, ValueError,
      "observation_angles must be between 0 and 1, not -1"),
+    ({"observation_angles": 1}, TypeError,
+     "observation_angles must be a tuple of indices, as (0,), not 1"),
+    ({"state_angles": "12"}, TypeError,
+     "state_angles must be a tuple of indices, as (0,), not '12'"),
+    ({"observation_angles": (1, 1)}, ValueError,
+     "observation_angles must be different indices, not (1, 1)"),
+    ({"observation_angles": (3.5,)}, TypeError,
+     "each of observation_angles must be an int, not 3.5"),
+    ({"vectorized": "no"}, TypeError, "vectorized must be a bool, not 'no'"),
+    ({"redraw": 1}, TypeError, "redraw must be a bool, not 1"),
+    ({"f": lambda x, w: x}, TypeError,
+     "process model f (<lambda>) must take (x, w, u), not (x, w)"),
+    ({"h": lambda x: x[:2]}, TypeError, "observation model h (<lambda>) must take (x, v), not (x)"),
 ]  # fmt: skip
 
 
@@ -101,15 +125,21 @@ def test_wrong_arguments_are_refused(options, kind, message):
 
 BAD_CALLS = [
     (lambda ukf: setattr(ukf, "x", [1.0]), ValueError, "x must have the shape (3,), not (1,)"),
-    (lambda ukf: setattr(ukf, "P", -P0), ValueError, "P must be positive semidefinite, its"),
+    (lambda ukf: setattr(ukf, "P", -P0), ValueError, "P must be positive semidefinite, and"),
     (lambda ukf: setattr(ukf, "Q", P0), ValueError, "Q must have the shape (2, 2), not (3, 3)"),
     (lambda ukf: setattr(ukf, "R", [[1.0, 2.0], [2.0, 1.0]]), ValueError,
-     "R must be positive semidefinite, its smallest eigenvalue not -"),
+     "R must be positive semidefinite, and is not in row 1: "),
     (lambda ukf: setattr(ukf, "gate", -1.0), ValueError, "gate must be at least 0, not -1.0"),
     (lambda ukf: setattr(ukf, "gate", np.nan), ValueError, "gate must be at least 0, not nan"),
-    (lambda ukf: setattr(ukf, "gate", "9"), TypeError, "gate must be a float, not '9'"),
-    (lambda ukf: setattr(ukf, "mask", [1, 0]), TypeError,
-     "mask must be an array of bool, not [1, 0]"),
+    (lambda ukf: setattr(ukf, "gate", "9"), TypeError, "gate must be a number, not '9'"),
+    (lambda ukf: setattr(ukf, "gate", True), TypeError, "gate must be a number, not True"),
+    (lambda ukf: setattr(ukf, "mask", [1, 2]), TypeError,
+     "mask must be an array of bool, or of 0 and 1, not [1, 2]"),
+    (lambda ukf: ukf.update([1.0, 2.0], mask=[True, None]), TypeError,
+     "mask must be an array of bool, or of 0 and 1, not [True, None]"),
+    (lambda ukf: setattr(ukf, "gat", 3), AttributeError, ".*no attribute 'gat'"),
+    (lambda ukf: ukf.reset(P=np.diag([1.0, -1.0, 1.0])), ValueError,
+     "P must be positive semidefinite, and is not in row 1: its variance is -1.0"),
     (lambda ukf: ukf.update([1.0, 2.0], mask=[True]), ValueError,
      "mask must have the shape (2,), not (1,)"),
     (lambda ukf: ukf.update([1.0]), ValueError, "z must have the shape (2,), not (1,)"),
@@ -129,7 +159,7 @@ def test_wrong_calls_are_refused_and_lose_nothing(ukf, call, kind, message):
     for each in (ukf, twin):
         each.predict(0.1)
     before = estimate(ukf)
-    with pytest.raises(kind, match="^" + re.escape(message)):
+    with pytest.raises(kind, match="^" + re.escape(message).replace(r"\.\*", ".*")):
         call(ukf)
     assert estimate(ukf) == before
     for each in (ukf, twin):
@@ -228,8 +258,16 @@ def wrong_size(x, w, u):
     return np.eye(4) @ x
 
 
-def without_input(x, w):
+def with_input(x, w, u):
+    return x + np.asarray(u)[0]
+
+
+def with_time(x, w, u, *, dt):
     return x
+
+
+def all_at_once(x, w, u):
+    return np.array([x[0, :], x[1, :], x[2, :]])
 
 
 def one_point_only(x, w, u):
@@ -239,8 +277,6 @@ def one_point_only(x, w, u):
 MODELS_THAT_RAISE = [
     (wrong_size, False, ValueError, "at sigma point 0, called with x of shape (3,) and"),
     (wrong_size, True, ValueError, "one column a sigma point, called with x of shape (3, 9) and"),
-    (without_input, False, TypeError, "at sigma point 0, called with x of shape (3,) and"),
-    (one_point_only, True, ValueError, "one column a sigma point, called with x of shape (3, 9)"),
 ]
 
 
@@ -252,6 +288,37 @@ def test_what_a_model_raises_names_call_and_shapes(model, vectorized, kind, note
         ukf.predict()
     assert caught.value.__notes__[0].startswith(f"in process model f ({model.__name__}), {note}")
     assert estimate(ukf) == before
+
+
+AMBIGUOUS = "The truth value of an array with more than one element is ambiguous. Use a.any() or a"
+MISTAKES = [
+    (with_input, False, TypeError, "process model f (with_input) raised IndexError (too many ",
+     "), at sigma point 0: predict was given no u, so u is None"),
+    (with_time, False, TypeError, "predict must be given what process model f (with_time) takes, ",
+     "(x, w, u, *, dt): missing a required argument: 'dt'"),
+    (one_point_only, True, ValueError,
+     f"process model f (one_point_only) raised ValueError ({AMBIGUOUS}",
+     "one column a sigma point, but works for a single one: leave out vectorized=True, or let it"),
+    (all_at_once, False, ValueError, "process model f (all_at_once) raised IndexError (too many ",
+     "), at sigma point 0, but works for several at once: say vectorized=True"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("model", "vectorized", "kind", "start", "end"), MISTAKES)
+def test_mistakes_are_said(model, vectorized, kind, start, end):
+    ukf = make(f=model, vectorized=vectorized)
+    before = estimate(ukf)
+    with pytest.raises(kind, match=f"^{re.escape(start)}.*{re.escape(end)}") as caught:
+        ukf.predict()
+    assert caught.value.__cause__ is not None
+    assert estimate(ukf) == before
+
+
+def test_an_argument_that_the_observation_model_does_not_know():
+    ukf = make()
+    message = "update must be given what observation model h (h) takes, (x, v, gain=1.0): got an "
+    with pytest.raises(TypeError, match=re.escape(message) + "unexpected keyword argument 'gian'"):
+        ukf.update([1.0, 2.0], gian=2.0)
 
 
 class Counting:
@@ -506,8 +573,7 @@ def test_nothing_sampled_changes_nothing(ukf):
 
 def test_mask_property_is_the_default(ukf):
     twin = make()
-    ukf.mask = [True, False]
-    ukf.mask[1] = True  # of a copy
+    ukf.mask = [1, 0]
     assert ukf.mask.tolist() == [True, False]
     ukf.predict()
     assert ukf.update([1.0, np.nan]) is True
@@ -577,13 +643,97 @@ def test_reset_starts_again(ukf):
     assert estimate(ukf) == first
 
 
-def test_properties_are_copies(ukf):
-    for name in ("x", "P", "Q", "R", "mask"):
-        value = getattr(ukf, name)
-        value[...] = 0
-        assert np.asarray(getattr(ukf, name)).any()
+def assign_element(ukf, name):
+    getattr(ukf, name)[(0,) * getattr(ukf, name).ndim] = 1.0
+
+
+def assign_slice(ukf, name):
+    getattr(ukf, name)[:1] = 1.0
+
+
+def add_to_element(ukf, name):
+    getattr(ukf, name).T[0] += 1.0
+
+
+@pytest.mark.parametrize("write", [assign_element, assign_slice, add_to_element])
+@pytest.mark.parametrize("name", ["x", "P", "Q", "R", "mask"])
+def test_what_a_filter_gives_cannot_be_written(ukf, name, write):
+    before = np.array(getattr(ukf, name))
+    with pytest.raises(ValueError, match=r"assign the whole, as in x = ukf\.x\.copy\(\)"):
+        write(ukf, name)
+    np.testing.assert_array_equal(getattr(ukf, name), before)
+
+
+def test_in_place_operators_assign(ukf):
+    x, mine = np.array(ukf.x), ukf.x
+    mine += 5.0
+    np.testing.assert_array_equal(ukf.x, x)
+    assert type(mine) is np.ndarray
+    ukf.x += 0.5
+    ukf.P *= 2.0
+    ukf.mask &= [True, False]
+    np.testing.assert_allclose(ukf.x, x + 0.5, atol=1e-15)
+    np.testing.assert_allclose(ukf.P, 2.0 * P0, atol=1e-15)
+    assert ukf.mask.tolist() == [True, False]
+
+
+def test_what_is_made_of_what_a_filter_gives_is_an_array(ukf):
+    x = ukf.x
+    copies = [x.copy(), copy.copy(x), copy.deepcopy(x), pickle.loads(pickle.dumps(x)), np.array(x)]
+    for each in [*copies, x + 1.0, np.sqrt(x * x), ukf.P @ x, np.linalg.inv(ukf.P), np.outer(x, x)]:
+        assert type(each) is np.ndarray
+        each[0] = 9.0
+    assert type(x.sum()) is np.float64
+    assert repr(x) == repr(np.array(x))
+    taken = x[[0, 1]]
+    taken[0] = 9.0  # what has been copied by an index can be written
+    taken += 1.0
+    assert taken[0] == 10.0
+    np.testing.assert_allclose(ukf.x, X0, atol=1e-15)
+
+
+def test_the_filter_has_the_rest(ukf):
     assert isinstance(ukf.backend, Backend)
     assert ukf.params == PARAMS
+
+
+@pytest.mark.parametrize("value", [np.float32(9.0), np.int64(9), np.array(9.0), 9])
+def test_numbers_of_numpy_are_numbers(ukf, value):
+    ukf.gate = value
+    assert ukf.gate == 9.0
+    assert type(ukf.gate) is float
+    make(vectorized=np.bool_(True), redraw=np.bool_(False), observation_angles=np.array([1]))
+
+
+@pytest.mark.parametrize("mask", [[1, 0], np.array([1, 0]), np.array([1.0, 0.0]), [True, False]])
+def test_masks_of_zeros_and_ones(ukf, mask):
+    twin = make()
+    assert ukf.update([1.0, np.nan], mask=mask)
+    twin.update([1.0, np.nan], mask=[True, False])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-12)
+
+
+# Copies.
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda ukf: pickle.loads(pickle.dumps(ukf))],
+                         ids=["deepcopy", "pickle"])  # fmt: skip
+@pytest.mark.parametrize("predicted", [False, True])
+def test_copies_go_on_as_the_filter(ukf, clone, predicted):
+    ukf.predict(0.1)
+    ukf.update([1.0, 2.0])
+    if predicted:
+        ukf.predict(0.2)
+    before = estimate(ukf)
+    twin = clone(ukf)
+    with pytest.raises(ValueError, match="assign the whole"):
+        twin.x[0] = 1.0
+    ukf.update([1.5, 1.0])
+    ukf.predict(-0.1)
+    assert estimate(twin) == before
+    twin.update([1.5, 1.0])
+    twin.predict(-0.1)
+    assert estimate(twin) == estimate(ukf)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -693,70 +843,188 @@ def test_overflow_loses_nothing(backend):
     np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("redraw", [False, True])
+def test_overflow_of_the_covariance_of_a_prediction(backend, redraw):
+    """With redrawing, predict is one step; without, it can be undone."""
+    params = UkfParams(n=2, m=1) if backend == "golden" else UkfParams(n=2, m=1, format=BINARY64)
+    growth = 1.5e19 if backend == "golden" else 1.5e154
+    ukf = UnscentedKalmanFilter(
+        lambda x, w, u: growth * x, lambda x, v: x[:1], params, x0=[1.0, 2.0],
+        P0=np.diag([1e-4, 4.0]), backend=backend, redraw=redraw,
+    )  # fmt: skip
+    before = estimate(ukf)
+    if redraw:
+        with pytest.raises(NotFiniteError):
+            ukf.predict()
+    elif backend == "golden":
+        ukf.predict()
+        with pytest.raises(NotFiniteError):
+            _ = ukf.P
+        with pytest.raises(NotFiniteError):
+            ukf.predict()
+        ukf.undo_predict()
+    else:
+        with pytest.raises(NotFiniteError):
+            ukf.predict()
+    assert estimate(ukf) == before
+    with pytest.raises(ValueError, match=r"^undo_predict must follow a predict"):
+        ukf.undo_predict()
+    assert ukf.update([1.0]) is True
+
+
+def test_a_predict_can_be_undone(ukf):
+    ukf.update([2.0, 1.0])
+    before = estimate(ukf)
+    ukf.predict(0.3)
+    ukf.undo_predict()
+    assert estimate(ukf) == before
+    ukf.predict(0.1)
+    ukf.update([2.0, 1.0])
+    with pytest.raises(ValueError, match=r"^undo_predict must follow a predict"):
+        ukf.undo_predict()
+    twin = make()
+    twin.update([2.0, 1.0])
+    twin.predict(0.1)
+    twin.update([2.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+
+
+@pytest.mark.parametrize("call", [
+    lambda ukf: setattr(ukf, "x", [1e39, 0.0, 0.0]),
+    lambda ukf: setattr(ukf, "P", np.diag([1.0, 1e80, 1.0])),
+    lambda ukf: setattr(ukf, "Q", np.diag([1e80, 1.0])),
+    lambda ukf: setattr(ukf, "R", np.diag([1e80, 1.0])),
+    lambda ukf: ukf.reset(x=[1.0, 2.0, 3.0], P=np.diag([1.0, 1e80, 1.0])),
+    lambda ukf: ukf.reset(x=[1e39, 2.0, 3.0], P=np.eye(3)),
+])  # fmt: skip
+def test_overflow_of_the_format_is_found_before_anything_is_written(call):
+    params = UkfParams(n=3, m=2, q=2, r=2, format=BINARY32, pes=3)
+    ukf, twin = make("golden", params), make("golden", params)
+    for each in (ukf, twin):
+        each.predict(0.1)
+    with pytest.raises(FormatOverflowError, match=r" must be at most 3\.40282e\+38, the largest"):
+        call(ukf)
+    for each in (ukf, twin):
+        each.update([1.5, 1.0])
+    assert estimate(ukf) == estimate(twin)
+    np.testing.assert_array_equal(ukf.Q, twin.Q)
+
+
+def test_noise_that_overflows_in_the_core_is_taken_back():
+    params = UkfParams(n=3, m=2, q=2, r=2, pes=3)
+    ukf, twin = make("golden", params), make("golden", params)
+    for each in (ukf, twin):
+        each.predict(0.1)
+    with pytest.raises(NotFiniteError):
+        ukf.Q = np.diag([4e76, 1.0])  # its root fits, not the sigma points
+    np.testing.assert_array_equal(ukf.Q, Q)
+    twin.redraw()
+    for each in (ukf, twin):
+        each.update([1.5, 1.0])
+        each.predict(0.1)
+    # Sigma points drawn anew differ by rounding.
+    np.testing.assert_allclose(ukf.x, twin.x, rtol=1e-6)
+    np.testing.assert_allclose(ukf.P, twin.P, rtol=1e-5)
+
+
+def test_a_finite_gate_stays_finite():
+    params = UkfParams(n=3, m=2, q=2, r=2, pes=3)
+    ukf = make("golden", params)
+    ukf.gate = 1e39
+    assert ukf.gate == 1e39
+    word = ukf.backend._bus.core.read(GATE_LOW.offset)[0]
+    assert word == BINARY32.infinity - 1
+
+
+# Steps that do not end.
+
+
 def test_time_out_of_an_update_drops_the_prediction():
     ukf, core = on_core()
-    before = ukf.P
+    x, P = estimate(ukf)
     ukf.predict()
-    x = ukf.x
     core.hold = True
     with pytest.raises(CoreTimeoutError, match=r"^UPDATE did not end within 0\.001 s"):
         ukf.update([1.0, 1.0])
+    with pytest.raises(NotRecoveredError):
+        _ = ukf.x
+    ukf.recover()
     core.hold = False
+    assert ukf.nis is None
     np.testing.assert_allclose(ukf.x, x, atol=1e-15)
-    np.testing.assert_allclose(ukf.P, before, atol=1e-12)
+    np.testing.assert_allclose(ukf.P, P, atol=1e-12)
+    ukf.predict()
     ukf.update([1.0, 1.0])
     assert np.isfinite(ukf.x).all()
 
 
-def test_time_out_of_a_redraw_drops_the_prediction():
+@pytest.mark.parametrize("step", ["redraw", "update"])
+def test_a_step_that_ends_after_the_time_out_is_found_done(step):
+    ukf, core = on_core()
+    twin, _ = on_core()
+    for each in (ukf, twin):
+        each.predict()
+    core.hold = True
+    with pytest.raises(CoreTimeoutError):
+        ukf.redraw() if step == "redraw" else ukf.update([1.5, 1.0])
+    core.finish()
+    core.hold = False
+    ukf.recover()
+    twin.redraw() if step == "redraw" else twin.update([1.5, 1.0])
+    assert estimate(ukf) == estimate(twin)
+
+
+def test_a_step_that_ends_while_it_is_being_dropped():
+    """Then nobody can tell whether the factor is the new one."""
     ukf, core = on_core()
     ukf.predict()
     core.hold = True
     with pytest.raises(CoreTimeoutError, match=r"^SIG_GEN did not end"):
         ukf.redraw()
+    bus = ukf.backend._bus
+    write = bus.write
+
+    def end_just_before_the_reset(address, word):
+        if address == CONTROL.offset and core.busy:
+            core.finish()
+        write(address, word)
+
+    bus.write = end_just_before_the_reset
+    for _ in range(2):
+        with pytest.raises(EstimateLostError, match=r"begin anew with reset\(\)$"):
+            ukf.recover()
     core.hold = False
-    np.testing.assert_allclose(ukf.P, P0, atol=1e-12)
-    ukf.predict()
-    ukf.update([1.0, 1.0])
-
-
-class FragileBus(GoldenBus):
-    """Refuses one access to a register, after letting some pass."""
-
-    countdown = -1
-
-    def read(self, address):
-        if address == STATUS.offset:
-            self.countdown -= 1
-            if self.countdown == 0:
-                raise BusError(address, "read")
-        return super().read(address)
-
-
-@pytest.mark.parametrize("at", [1, 2, 3])
-def test_a_step_that_may_have_happened(at):
-    """The core has done the step, but its answer was lost: the filter follows the core."""
-    bus = FragileBus(GoldenCore(PARAMS))
-    ukf, twin = make(Driver(bus, PARAMS)), make("golden")
-    for each in (ukf, twin):
-        each.predict()
-        each.update([1.0, 1.0])
-        assert each.x.shape == (3,)  # remembered
-    bus.countdown = at
-
-    def iterate():
+    with pytest.raises(NotRecoveredError):
         ukf.predict()
-        ukf.update([2.0, 1.5])
+    ukf.reset()
+    np.testing.assert_allclose(ukf.x, X0, atol=1e-15)
+    ukf.predict()
 
-    with pytest.raises(BusError):
-        iterate()
-    if at > 1:
-        twin.predict()
-    if at > 2:
-        twin.update([2.0, 1.5])
-    np.testing.assert_array_equal(ukf.x, twin.x)
-    np.testing.assert_array_equal(ukf.P, twin.P)
+
+def test_a_reset_by_another_during_a_factorisation_loses_the_estimate():
+    ukf, core = on_core()
+    ukf.predict()
+    core.hold = True
+    with pytest.raises(CoreTimeoutError):
+        ukf.redraw()
+    core.write(CONTROL.offset, CONTROL["ENABLE"].mask | CONTROL["RESET"].mask)
+    core.hold = False
+    with pytest.raises(EstimateLostError):
+        ukf.recover()
+    ukf.reset()
+    ukf.predict()
+
+
+def test_recovering_without_need_changes_nothing(ukf):
+    for predicted in (False, True):
+        if predicted:
+            ukf.predict(0.2)
+        before = estimate(ukf)
+        ukf.recover()
+        assert estimate(ukf) == before
+    twin = make()
+    twin.predict(0.2)
     for each in (ukf, twin):
-        each.redraw()
-        each.update([1.0, 1.2])
-    np.testing.assert_array_equal(ukf.x, twin.x)
+        each.update([2.0, 1.0])
+    np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Annotated
 
+import numpy as np
 import pytest
 
 from ukf_sw.problems.systems.nanosat import NANOSAT
@@ -74,11 +75,13 @@ def cores(count, seed=1):
         ({"n": 2.0}, TypeError, "n must be an int, not 2.0"),
         ({"pes": 0}, ValueError, "pes must be at least 1, not 0"),
         ({"pes": 5}, ValueError, "pes must be between 1 and the number of columns, 4, not 5"),
-        ({"process_noise": "additive"}, TypeError,
-         "process_noise must be a Noise, not 'additive'"),
+        ({"process_noise": "colored"}, ValueError,
+         "process_noise must be one of augmented, additive, not 'colored'"),
         ({"observation_noise": None}, TypeError, "observation_noise must be a Noise, not None"),
-        ({"form": "square-root"}, TypeError, "form must be a Form, not 'square-root'"),
-        ({"format": "binary32"}, TypeError, "format must be a FloatFormat, not 'binary32'"),
+        ({"form": 1}, TypeError, "form must be a Form, not 1"),
+        ({"format": "fp32"}, ValueError,
+         f"format must be one of {KNOWN}, or like float6.17, not 'fp32'"),
+        ({"format": 32}, TypeError, "format must be a FloatFormat, not 32"),
         ({"W0": "0"}, TypeError, "W0 must be a number, not '0'"),
         ({"W0": False}, TypeError, "W0 must be a number, not False"),
         ({"W0": 1.0}, ValueError, "W0 must be at least 0 and less than 1, not 1.0"),
@@ -93,6 +96,33 @@ def cores(count, seed=1):
 def test_bad_parameters(arguments, error, message):
     with pytest.raises(error, match=f"^{re.escape(message)}$"):
         UkfParams(**{"n": 2, "m": 1} | arguments)
+
+
+@pytest.mark.parametrize(
+    ("given", "plain"),
+    [
+        ({"n": np.int64(3), "q": np.uint8(3), "pes": np.array(2)}, {"n": 3, "q": 3, "pes": 2}),
+        ({"W0": np.float32(0.25)}, {"W0": 0.25}),
+        ({"W0": 0}, {"W0": 0.0}),
+        ({"process_noise": "additive", "q": 2}, {"process_noise": Noise.ADDITIVE, "q": 2}),
+        ({"form": "covariance"}, {"form": Form.COVARIANCE}),
+        ({"format": "binary16"}, {"format": BINARY16}),
+    ],
+)
+def test_what_is_unambiguous_is_taken(given, plain):
+    taken, expected = (UkfParams(**{"n": 2, "m": 1} | each) for each in (given, plain))
+    assert taken == expected
+    assert hash(taken) == hash(expected)
+    assert repr(taken) == repr(expected)
+    assert type(taken.n) is type(taken.pes) is int
+    assert type(taken.W0) is float
+    assert Pipeline(add=np.int32(3)) == Pipeline(add=3)
+
+
+@pytest.mark.parametrize("n", [np.bool_(True), np.float64(2.0), np.array([2])])
+def test_what_is_ambiguous_is_not(n):
+    with pytest.raises(TypeError, match=r"^n must be an int, not "):
+        UkfParams(n=n, m=1)
 
 
 @pytest.mark.parametrize(

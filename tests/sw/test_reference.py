@@ -1,3 +1,4 @@
+from functools import partial
 from itertools import cycle
 
 import numpy as np
@@ -5,8 +6,10 @@ import pytest
 from filterpy.kalman import SimplexSigmaPoints, UnscentedKalmanFilter, unscented_transform
 
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
-from ukf_sw.reference import ReferenceUkf, lower_factor, sigma_coefficients, weights
-from ukf_sw.spec.parameters import Noise, UkfParams
+from ukf_sw.factors import IndefiniteError, lower_factor
+from ukf_sw.filter import UnscentedKalmanFilter as Filter
+from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
 EVERY_W0 = [0.0, 0.3, 0.9]
 
@@ -96,8 +99,8 @@ def test_agrees_with_filterpy(kind, W0, redraw):
     )  # fmt: skip
     theirs.x, theirs.P = ours.state(), ours.covariance()
     additive = kind is Noise.ADDITIVE
-    theirs.Q = ours._noise_Q if additive else np.zeros((3, 3))
-    theirs.R = ours._noise_R if additive else np.zeros((2, 2))
+    theirs.Q = ours._noise[0] if additive else np.zeros((3, 3))
+    theirs.R = ours._noise[1] if additive else np.zeros((2, 2))
     for _ in range(20):
         points = ours.predict(columns(f, ours.sigma_points(), W))
         theirs.predict()
@@ -222,8 +225,8 @@ def test_masked_rows_are_as_if_absent(kind):
     rng = np.random.default_rng(3)
     a = reference(full, rng, R=np.diag([0.2, 0.3]))
     b = ReferenceUkf(less)
-    R = a._noise_R if kind is Noise.AUGMENTED else a._noise_R[:1, :1]
-    b.initialise(a.state(), a.covariance(), a._noise_Q, R)
+    R = a._noise[1] if kind is Noise.AUGMENTED else a._noise[1][:1, :1]
+    b.initialise(a.state(), a.covariance(), a._noise[0], R)
     W, V = a.noise_points()
     points = a.predict(columns(f, a.sigma_points(), W))
     b.predict(columns(f, b.sigma_points(), b.noise_points()[0]))
@@ -267,9 +270,9 @@ def test_square_root_of_nothing():
     [([[1.0, 2.0], [2.0, 1.0]], 1), ([[0.0, 1.0], [1.0, 1.0]], 0), ([[-1.0]], 0)],
 )
 def test_square_root_of_an_indefinite_matrix_is_refused(A, row):
-    with pytest.raises(np.linalg.LinAlgError) as error:
+    with pytest.raises(IndefiniteError, match=r"^must be positive semidef") as error:
         lower_factor(np.array(A))
-    assert error.value.args == (row,)
+    assert error.value.row == row
 
 
 def test_singular_innovation_covariance_names_the_row():
@@ -315,3 +318,92 @@ def test_gate_rejects_and_keeps_the_prediction():
     linear.check()
     linear.update(linear.C @ linear.x, np.array([True]))
     linear.check()
+
+
+# Covariances.
+
+
+def random_covariances(dtype):
+    """Matrices that are covariances but for rounding to a type, of all ranks and scales."""
+    rng = np.random.default_rng(12)
+    for trial in range(300):
+        size = int(rng.integers(1, 12))
+        scales = 10.0 ** rng.integers(-4, 5, size) if trial % 3 else np.ones(size)
+        if trial % 2:
+            # Rotated, with eigenvalues from 1 to 1e-18.
+            turn, _ = np.linalg.qr(rng.standard_normal((size, size)))
+            A = (turn * np.logspace(0, -18, size)) @ turn.T * np.outer(scales, scales)
+            yield np.asarray((A + A.T) / 2.0, dtype)
+        else:
+            g = rng.standard_normal((size, int(rng.integers(1, size + 1)))) * scales[:, None]
+            g[rng.integers(size)] *= trial % 8 != 0  # a state without uncertainty
+            g = g.astype(dtype)
+            yield g @ g.T
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("backend", ["reference", "golden"])
+def test_every_covariance_is_accepted_and_kept(dtype, backend):
+    """Within its rounding errors, each element beside the deviations of its row and column."""
+    epsilon = np.finfo(dtype).eps
+    count = 0
+    for A in random_covariances(dtype):
+        B = lower_factor(np.asarray(A, np.float64), float(epsilon))
+        assert not np.triu(B, 1).any()
+        deviations = np.sqrt(np.diag(np.asarray(A, np.float64)))
+        limit = 32 * len(A) * epsilon * np.outer(deviations, deviations)
+        assert (np.abs(B @ B.T - A) <= limit).all()
+        if len(A) == 3 or (backend == "reference" and len(A) < 8):
+            count += 1
+            params = UkfParams(n=len(A), m=1, q=len(A), process_noise=Noise.ADDITIVE)
+            ukf = Filter(
+                lambda x, w, u: x, lambda x, v: x[:1], params, x0=np.zeros(len(A)), P0=A, Q=A,
+                backend=backend,
+            )  # fmt: skip
+            assert (np.abs(ukf.Q - A) <= limit).all()
+            ukf.P = ukf.Q = A
+            ukf.predict()
+            # Elements that are small beside the deviations are known to the format only.
+            coarse = limit + 1e-5 * np.outer(deviations, deviations)
+            assert (np.abs(ukf.P - 2.0 * np.asarray(A, np.float64)) <= 4.0 * coarse).all()
+    assert count > 10
+
+
+@pytest.mark.parametrize("dt", [0.01, 1e-4])
+@pytest.mark.parametrize("backend", ["reference", "golden"])
+@pytest.mark.parametrize("kind", Noise)
+def test_an_outer_product_in_single_precision_is_a_covariance(backend, dt, kind):
+    g = np.array([dt * dt / 2.0, dt], np.float32)
+    ukf = Filter(
+        lambda x, w, u: x + w, lambda x, v: x[:1], UkfParams(n=2, m=1, q=2, process_noise=kind),
+        x0=[0.0, 0.0], P0=np.outer(g, g), Q=np.outer(g, g), backend=backend,
+    )  # fmt: skip
+    ukf.predict()
+    np.testing.assert_allclose(ukf.P, 2.0 * np.outer(g, g), rtol=1e-5)
+
+
+@pytest.mark.parametrize("backend", ["reference", "golden"])
+def test_the_covariance_form_takes_variances_of_any_sizes(backend):
+    params = UkfParams(n=2, m=1, form=Form.COVARIANCE)
+    P = np.diag([1e6, 1e-8])
+    ukf = Filter(
+        lambda x, w, u: x, lambda x, v: x[1:], params, x0=[0.0, 0.0], P0=P, backend=backend
+    )
+    ukf.predict()
+    np.testing.assert_allclose(ukf.P, P, rtol=1e-6, atol=1e-9)
+    dependent = np.array([[1.0, 1.0], [1.0, 1.0]])
+    with pytest.raises(ValueError, match=r"^P must be positive definite, and is not in row 1: "):
+        ukf.P = dependent
+    with pytest.raises(ValueError, match=r"^P must be positive definite, and is not in row 1: "):
+        ukf.P = (dependent + np.diag([0.0, 1e-7])).astype(np.float32)
+
+
+def test_asymmetry_is_judged_beside_its_row():
+    rng = np.random.default_rng(3)
+    g = (rng.standard_normal((3, 3)) * [[1e4], [1.0], [1e-4]]).astype(np.float32)
+    A = np.asarray(g @ g.T)
+    A[1, 2] *= np.float32(1.0 + 2e-7)
+    make = partial(Filter, lambda x, w, u: x, lambda x, v: x[:1], UkfParams(n=3, m=1), x0=[0] * 3)
+    make(P0=A)
+    with pytest.raises(ValueError, match=r"^P0 must be symmetric, not .* at \([12], [12]\)"):
+        make(P0=A + 1e-6 * np.eye(3)[1][:, None] * np.eye(3)[2])

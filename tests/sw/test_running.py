@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from ukf_sw.backends import golden_driver, make_backend
-from ukf_sw.errors import NotFiniteError, StepError, UkfError
+from ukf_sw.drivers.driver import Driver
+from ukf_sw.errors import BusError, NotFiniteError, StepError, UkfError
+from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.catalogue import CATALOGUE, find
 from ukf_sw.problems.judging import Bound, judge
 from ukf_sw.problems.recipe import Recipe
@@ -16,6 +18,7 @@ from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_sw.spec.registers import STATUS
 from ukf_sw.spec.sequence import Step
 
 TINY = UkfParams(n=2, m=1, q=1, r=1)
@@ -219,3 +222,34 @@ def test_entries_say_the_parameters_of_their_core(name):
 def test_bad_recipes(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_a_scenario_without_truth_can_be_run_but_not_judged():
+    scenario = replace(pendulum(0, steps=3), truth=None)
+    found = run(scenario)
+    assert np.isfinite(found.x).all()
+    message = r"^the scenario 'pendulum' must have truth, not None, to have errors: it can be run"
+    for judge_it in (lambda: found.errors, lambda: judge(found).rms):
+        with pytest.raises(ValueError, match=message):
+            judge_it()
+    with pytest.raises(ValueError, match=r"must have error, not None"):
+        _ = run(replace(scenario, truth=np.zeros((3, 2)), error=None)).errors
+
+
+def test_the_estimate_after_an_error_that_leaves_a_doubt_is_that_before_it():
+    class Failing(GoldenBus):
+        left = -1
+
+        def read(self, address):
+            self.left -= address == STATUS.offset
+            if self.left == 0:
+                raise BusError(address, "read")
+            return super().read(address)
+
+    scenario = pendulum(0, steps=5)
+    bus = Failing(GoldenCore(scenario.params))
+    driver = Driver(bus, scenario.params)
+    bus.left = 18
+    found = run(scenario, driver, ends_at=(BusError,))
+    assert 0 < found.steps < 5
+    np.testing.assert_array_equal(found.last_x, found.x[-1])

@@ -1,9 +1,11 @@
+import pickle
 from dataclasses import replace
 
 import filterpy.kalman
 import numpy as np
 import pytest
 
+from ukf_sw.factors import lower_factor
 from ukf_sw.models import wrap
 from ukf_sw.problems import data
 from ukf_sw.problems.catalogue import CATALOGUE
@@ -20,7 +22,7 @@ from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.problems.systems.recorded_imu import recorded_imu
 from ukf_sw.problems.systems.recorded_odometry import recorded_odometry
 from ukf_sw.problems.systems.reentry import reentry
-from ukf_sw.reference import lower_factor, sigma_coefficients, weights
+from ukf_sw.reference import sigma_coefficients, weights
 from ukf_sw.spec.parameters import Noise
 
 ENTRIES = list(CATALOGUE.values())
@@ -507,3 +509,13 @@ def test_only_judged_steps_count():
         judge(results, after=0.3)
     with pytest.raises(ValueError, match=r"^judged must have 50 steps, not 49$"):
         replace(scenario, judged=judged[1:])
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+def test_a_filter_can_be_pickled_and_goes_on(entry):
+    scenario = entry.scenario(steps=2)
+    ukf = scenario.filter("reference")
+    twin = pickle.loads(pickle.dumps(ukf))
+    for each in (ukf, twin):
+        each.predict(None if scenario.inputs is None else scenario.inputs[0])
+    assert np.array_equal(ukf.x, twin.x)

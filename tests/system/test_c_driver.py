@@ -10,10 +10,10 @@ from support.c_binding import CFilter, CFilterError, Result, compile_library
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
+from ukf_sw.factors import lower_factor
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
-from ukf_sw.reference import lower_factor
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams

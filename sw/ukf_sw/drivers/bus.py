@@ -1,13 +1,13 @@
 """The bus as software sees it, and numbers as words on it."""
 
-from typing import Protocol
+from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
 
-__all__ = ["Addresses", "BlockBus", "Bus", "WordCodec", "Words"]
+__all__ = ["Addresses", "BlockBus", "Bus", "OneCore", "WordCodec", "Words"]
 
 Addresses = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -41,6 +41,24 @@ class BlockBus(Bus, Protocol):
     def write_many(self, addresses: Addresses, words: Words) -> None:
         """Write words, shape (k,), at addresses, shape (k,)."""
         ...
+
+
+class OneCore:
+    """Base of a bus to a core of which there is only one, so that it cannot be copied."""
+
+    def __reduce__(self) -> NoReturn:
+        """Refuse to be pickled or copied.
+
+        Raises
+        ------
+        TypeError
+            Always.
+        """
+        raise TypeError(
+            f"A filter or driver whose core is behind a {type(self).__name__} cannot be pickled "
+            "or copied, for there is one such core: keep x, P, Q and R, and start another filter "
+            "from them"
+        )
 
 
 class WordCodec:

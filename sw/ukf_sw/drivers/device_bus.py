@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, OneCore, Words
 from ukf_sw.errors import BusError
 from ukf_sw.spec.registers import REGISTERS, STATUS
 
@@ -22,7 +22,7 @@ _REGISTER_SPACE = 64 * _WORD
 _STATE = STATUS["STATE"].mask
 
 
-class DeviceBus(ABC):
+class DeviceBus(OneCore, ABC):
     """A bus whose core answers forbidden accesses by killing the process.
 
     Refused with :class:`ukf_sw.errors.BusError`, before the core sees them, are accesses that are

@@ -8,14 +8,19 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.certainty import Certainty
 from ukf_sw.drivers.bus import Addresses, Bus, WordCodec, Words
 from ukf_sw.errors import (
+    REFUSALS,
     CoreTimeoutError,
+    EstimateLostError,
+    FormatOverflowError,
     StepLostError,
     WrongCoreError,
     error_of,
 )
-from ukf_sw.reference import lower_factor
+from ukf_sw.factors import lower_factor
+from ukf_sw.spec.fields import as_number
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import (
@@ -46,9 +51,15 @@ RESET = CONTROL["RESET"].mask
 START = {step: ENABLE | CONTROL[step.name].mask for step in STEPS}
 DONE = {step: STATUS[step.name].mask for step in START}
 STATE = STATUS["STATE"].mask
+INITIALISED = STATUS["INITIALISED"].mask
+POINTS = STATUS["POINTS"].mask
 GATED = STATUS["GATED"].mask
 CODE = ERROR["CODE"].mask
 EVENTS = INTERRUPT_PENDING["DONE"].mask | INTERRUPT_PENDING["ERROR"].mask
+
+#: No bus takes polls faster than this, so more of them mean that the clock stands still.
+POLLS_PER_SECOND = 5e6
+FEWEST_POLLS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +100,10 @@ class Driver:
     The driver moves as few words as it can: of the state's sigma points it reads the first n + 2
     columns, the others being equal to x; it writes x, factors and the mask when they change.
 
+    What a method that raises has done is said in :mod:`ukf_sw.errors`. After an error that leaves
+    it open, whatever needs the core raises :class:`ukf_sw.errors.NotRecoveredError` until
+    :meth:`recover` or :meth:`initialise` has succeeded.
+
     Parameters
     ----------
     bus
@@ -100,7 +115,8 @@ class Driver:
         Function that waits for the interrupt line, at most so many seconds, and tells whether it
         is high. None is polling.
     timeout
-        How long to wait for a step, in seconds of the clock.
+        How long to wait for a step, in seconds of the clock. A step that has ended when the driver
+        looks is in time, however late that is, and whether or not there was an interrupt.
     clock
         Function that gives the time in seconds. A co-simulation passes simulated time.
     count_cycles
@@ -118,7 +134,7 @@ class Driver:
     Raises
     ------
     TypeError
-        If the parameters are of the wrong kind.
+        If an argument is of the wrong kind.
     ValueError
         If the time-out is not positive.
     WrongCoreError
@@ -139,13 +155,19 @@ class Driver:
     ) -> None:
         if not isinstance(cast("object", params), UkfParams):
             raise TypeError(f"params must be a UkfParams, not {params!r}")
+        timeout = as_number("timeout", timeout)
         if not timeout > 0.0:
             raise ValueError(f"timeout must be more than 0 s, not {timeout!r}")
+        for name, function in (("interrupt", interrupt), ("clock", clock)):
+            if not callable(function) and (name, function) != ("interrupt", None):
+                raise TypeError(f"{name} must be callable, not {function!r}")
         self._bus = bus
         self._params = params
         self._interrupt = interrupt
         self._timeout = timeout
+        self._polls = max(timeout * POLLS_PER_SECOND, FEWEST_POLLS)
         self._clock = clock
+        self._certainty = Certainty()
         self._read_many: Callable[[Addresses], Words] = getattr(bus, "read_many", self._read_each)
         self._write_many: Callable[[Addresses, Words], None] = getattr(
             bus, "write_many", self._write_each
@@ -163,8 +185,22 @@ class Driver:
         self._X_write = self._addresses("X", n, N)
         self._Z_write = np.concatenate((self._addresses("Z", m, N), self._addresses("z", m, 1)))
 
+        #: The step that may have been started and may have ended.
+        self._step: Step | None = None
+        #: Whether a running step may have been dropped, no event having been pending before.
+        self._dropping = False
+        #: x, if it has been read and not changed since.
+        self._x: Array | None = None
+        #: What a prediction was made from, until its covariance has been factorised: x from before
+        #: it, whose factor the core still has, and the points if an update may use them.
+        self._before: Array | None = None
+        self._predicted: Array | None = None
+        #: Words that the core has been told, and must be told again when it has been reset.
+        self._noise: tuple[Words, Words] | None = None
+        self._gate: Words | None = None
+
         self._pes = self._check_core()
-        self.reset()
+        self._reset_core()
 
     # What the core is.
 
@@ -228,15 +264,34 @@ class Driver:
         self.words_read += len(addresses)
         return self._codec.from_words(words)
 
-    def _write(self, addresses: Addresses, values: Array) -> Words:
-        words = self._codec.to_words(values.reshape(-1))
+    def _write(self, addresses: Addresses, words: Words) -> None:
         self._write_many(addresses, words)
         self.words_written += len(addresses)
+
+    def _write_matrix(self, symbol: str, words: Words) -> None:
+        if words.size:
+            region = self._map[symbol]
+            self._write(self._addresses(symbol, region.rows, region.columns), words)
+
+    def _words(self, name: str, values: Array) -> Words:
+        """Round numbers to words.
+
+        Raises
+        ------
+        FormatOverflowError
+            If one is too large for that.
+        """
+        flat = values.reshape(-1)
+        words = self._codec.to_words(flat)
+        finite = np.isfinite(self._codec.from_words(words))
+        if not finite.all():
+            raise FormatOverflowError(
+                name, float(flat[finite.argmin()]), self._params.format.max_finite
+            )
         return words
 
-    def _write_matrix(self, symbol: str, values: Array) -> None:
-        if values.size:
-            self._write(self._addresses(symbol, *values.shape), values)
+    def _factor_words(self, name: str, covariance: Array) -> Words:
+        return self._words(f"factor of {name}", lower_factor(covariance))
 
     @property
     def traffic(self) -> Traffic:
@@ -251,9 +306,23 @@ class Driver:
     # Steps.
 
     def reset(self) -> None:
-        """Reset and enable the core: a running step is dropped, x and its factor stay."""
+        """Reset and enable the core: a running step is dropped.
+
+        The estimate stays; if it is a prediction whose covariance has not been factorised, it is
+        that from before the prediction again.
+        """
+        with self._certainty:
+            self._restart()
+
+    def _restart(self) -> None:
+        """Reset the core. What is left then is an estimate whose factor it has."""
+        self._reset_core()
+        if self._before is not None:
+            self._write(self._x_addresses, self._codec.to_words(self._before))
+        self._before = self._predicted = None
+
+    def _reset_core(self) -> None:
         self._initialised = False
-        self._overwritten = False
         self._mask: int | None = None
         self._write_register(CONTROL, ENABLE | RESET)
         self._write_register(INTERRUPT_PENDING, EVENTS)
@@ -261,48 +330,131 @@ class Driver:
 
     def _run(self, step: Step) -> int:
         """Run a step; gives STATUS after it, raises what ERROR says."""
+        self._step = step
         self._write_register(CONTROL, START[step])
-        status = self._wait(step)
-        error = self._read_register(ERROR)
-        code = error & CODE
+        status = self._wait(self._interrupt)
+        if status & STATE:
+            running = STATUS["STATE"].get(status)
+            name = Step(running).name if running in set(Step) else str(running)
+            raise CoreTimeoutError(step, self._timeout, f"it still runs, STATUS.STATE was {name}")
+        word = self._read_register(ERROR)
+        code = word & CODE
         if code == ErrorCode.NONE and not status & DONE[step]:
-            self._initialised = False
             raise StepLostError(step)
         if self.count_cycles and code != ErrorCode.ILLEGAL_STEP:
             self.last_cycles[step.name] = self._read_register(CYCLES)
-        if code == ErrorCode.NONE:
-            return status
-        raise error_of(step, code, ERROR["INDEX"].get(error))
+        if code != ErrorCode.NONE:
+            # A step that is illegal has not begun; but PREDICT has its points overwritten before.
+            error = error_of(step, code, ERROR["INDEX"].get(word))
+            illegal = code == ErrorCode.ILLEGAL_STEP and step is not Step.PREDICT
+            if illegal or isinstance(error, REFUSALS):
+                self._step = None
+            raise error
+        self._step = None
+        return status
 
-    def _wait(self, step: Step) -> int:
-        """Wait until no step runs; gives STATUS."""
+    def _wait(self, interrupt: Callable[[float], bool] | None) -> int:
+        """Wait until no step runs, or for the time-out; gives the last STATUS."""
         deadline = self._clock() + self._timeout
+        polls = self._polls
         while True:
-            if self._interrupt is not None:
-                left = max(deadline - self._clock(), 0.0)
-                if not self._interrupt(left):
-                    self._give_up(step, "no interrupt")
+            late = False
+            if interrupt is not None:
+                late = not interrupt(max(deadline - self._clock(), 0.0))
                 self._write_register(INTERRUPT_PENDING, EVENTS)
             # The clock is read first: a step that ends while we look is not late.
-            late = self._clock() > deadline
+            polls -= 1
+            late = late or self._clock() > deadline or polls <= 0.0
             status = self._read_register(STATUS)
-            if not status & STATE:
+            if late or not status & STATE:
                 return status
-            if late:
-                self._give_up(step, "it still runs")
-
-    def _give_up(self, step: Step, detail: str) -> None:
-        """Reset the core and raise."""
-        state = STATUS["STATE"].get(self._read_register(STATUS))
-        self.reset()
-        name = Step(state).name if state in set(Step) else str(state)
-        raise CoreTimeoutError(step, self._timeout, f"{detail}, STATUS.STATE was {name}")
 
     def _ensure_initialised(self) -> None:
         """After a reset, INIT must come before any other step; x and its factor are in place."""
         if not self._initialised:
             self._run(Step.INIT)
             self._initialised = True
+
+    # After an error.
+
+    def recover(self) -> Array | None:
+        """Find out what the core has done, after an error that has left it open.
+
+        A step that may still run is waited for, and dropped if it does not end. Then an assignment
+        that had broken off is made. A PREDICT that had broken off is undone; any other step has
+        happened or not, as :meth:`state` and :meth:`covariance` tell. If this raises, it can be
+        called again.
+
+        Returns
+        -------
+        array or None
+            What the last :meth:`predict` gave, shape (n, N), if an update may use it.
+
+        Raises
+        ------
+        EstimateLostError
+            If that cannot be found out: begin anew with :meth:`initialise`.
+        UkfError
+            If the core cannot be reached. What is in :data:`ukf_sw.errors.REFUSALS` is about the
+            assignment that had broken off, which is not made then; there is no doubt any more.
+        """
+        self._certainty.settle(self._find_out)
+        return self._predicted
+
+    def _find_out(self) -> None:
+        """Get the core into a state that is known."""
+        step, status = self._step, self._come_to_rest()
+        predicted = self._before is not None and step is not Step.PREDICT
+        if predicted and status & INITIALISED:
+            # The core has not been reset, so its flags are true.
+            if status & POINTS:
+                self._before = self._predicted = None
+                predicted = False
+        elif predicted:
+            # Only these change the factor, and it is that from before if they have been dropped.
+            if step in (Step.SIG_GEN, Step.UPDATE) and not self._dropped():
+                raise EstimateLostError
+            predicted = False
+        if not predicted:
+            self._x = None
+            self._restart()
+            if self._gate is not None:
+                self._write_gate(self._gate)
+            if self._noise is not None:
+                self._write_noise(*self._noise)
+        self._step, self._dropping = None, False
+
+    def _come_to_rest(self) -> int:
+        """Let a running step end, or drop it; gives STATUS."""
+        status = self._wait(None)
+        if status & STATE:
+            self._write_register(INTERRUPT_PENDING, EVENTS)
+            if self._read_register(STATUS) & STATE:
+                self._dropping = True
+                self._write_register(CONTROL, ENABLE | RESET)
+            status = self._read_register(STATUS)
+        return status
+
+    def _dropped(self) -> bool:
+        """Whether the reset of this driver has dropped the step: else its end is pending."""
+        return self._dropping and not self._read_register(INTERRUPT_PENDING) & EVENTS
+
+    def undo_predict(self) -> bool:
+        """Go back to the estimate from before the last predict.
+
+        That is possible until its covariance has been factorised: by SIG_GEN, by an update that
+        was not gated, by :meth:`set_noise`, or replaced by :meth:`set_covariance`.
+
+        Returns
+        -------
+        bool
+            Whether it was possible; if not, nothing has been done.
+        """
+        with self._certainty:
+            if self._before is None:
+                return False
+            self._restart()
+            return True
 
     # Backend.
 
@@ -311,51 +463,110 @@ class Driver:
 
         Raises
         ------
-        NotFiniteError
-            If a number overflows the format.
-        CoreTimeoutError
-            If INIT does not end.
+        FormatOverflowError
+            If a number overflows the format. Nothing has been done then.
+        IndefiniteError
+            If a matrix is not positive semidefinite. Nothing has been done then.
+        StepError
+            If INIT does not succeed.
         """
-        self.reset()
+        self._certainty.assign_anew(
+            self._initialise,
+            self._words("x", x),
+            self._factor_words("P", P),
+            self._factor_words("Q", Q),
+            self._factor_words("R", R),
+        )
+
+    def _initialise(self, x: Words, L: Words, LQ: Words, LR: Words) -> None:
+        self._x = self._before = self._predicted = self._step = None
+        self._reset_core()
         self._write(self._x_addresses, x)
-        self._write_matrix("L", lower_factor(P))
-        self._write_matrix("LQ", lower_factor(Q))
-        self._write_matrix("LR", lower_factor(R))
+        self._write_matrix("L", L)
+        self._noise = LQ, LR
+        self._write_noise(LQ, LR)
         self._ensure_initialised()
 
     def set_state(self, x: Array) -> None:
-        """Write x, shape (n,); P stays."""
+        """Write x, shape (n,); P stays.
+
+        Raises
+        ------
+        FormatOverflowError
+            If a number overflows the format.
+        """
+        self._certainty.assign(self._set_state, self._words("x", x))
+
+    def _set_state(self, x: Words) -> None:
+        self._x = self._predicted = None
         self._write(self._x_addresses, x)
-        self._overwritten = False  # the core now knows that its sigma points are outdated
 
     def set_covariance(self, P: Array) -> None:
-        """Write the factor of P, shape (n, n); x stays."""
-        self._write_matrix("L", lower_factor(P))
-        self._overwritten = False
+        """Write the factor of P, shape (n, n); x stays.
+
+        Raises
+        ------
+        FormatOverflowError
+            If a number overflows the format.
+        IndefiniteError
+            If P is not positive semidefinite.
+        """
+        self._certainty.assign(self._set_covariance, self._factor_words("P", P))
+
+    def _set_covariance(self, L: Words) -> None:
+        self._before = self._predicted = None
+        self._write_matrix("L", L)
 
     def set_noise(self, Q: Array, R: Array) -> None:
         """Write the factors of Q (q, q) and R (r, r); the estimate stays.
 
         Raises
         ------
+        FormatOverflowError
+            If a number overflows the format.
+        IndefiniteError
+            If a matrix is not positive semidefinite.
         StepError
-            If a step fails.
+            If a step fails. The noise is as before then.
         """
+        factors = self._factor_words("Q", Q), self._factor_words("R", R)
         self.redraw()  # INIT would forget a prediction that has not been factorised
-        self._write_matrix("LQ", lower_factor(Q))
-        self._write_matrix("LR", lower_factor(R))
+        self._certainty.assign(self._set_noise, *factors)
+
+    def _set_noise(self, LQ: Words, LR: Words) -> None:
+        try:
+            self._write_noise(LQ, LR)
+            self._ensure_initialised()
+        except REFUSALS:
+            if self._noise is not None:
+                self._write_noise(*self._noise)
+                self._ensure_initialised()
+            raise
+        self._noise = LQ, LR
+
+    def _write_noise(self, LQ: Words, LR: Words) -> None:
         self._initialised = False
-        self._ensure_initialised()
+        self._write_matrix("LQ", LQ)
+        self._write_matrix("LR", LR)
 
     def set_gate(self, gate: float) -> None:
-        """Write the gate; infinity is off."""
-        words = self._codec.to_words(np.array([gate]))
+        """Write the gate; infinity is off. What is finite stays so, at the format's largest."""
+        if np.isfinite(gate):
+            gate = min(gate, self._params.format.max_finite)
+        self._certainty.assign(self._set_gate, self._codec.to_words(np.array([gate])))
+
+    def _set_gate(self, words: Words) -> None:
+        self._gate = words
+        self._write_gate(words)
+
+    def _write_gate(self, words: Words) -> None:
         self._write_register(GATE_LOW, int(words[0]))
         if len(words) == 2:
             self._write_register(GATE_HIGH, int(words[1]))
 
     def noise_points(self) -> tuple[Array, Array]:
         """Read the sigma points of w (q, N) and of v (r, N); zeros for additive noise."""
+        self._certainty.check()
         p = self._params
         rows: list[Array] = []
         for symbol, terms in (("W", p.q), ("V", p.r)):
@@ -374,16 +585,13 @@ class Driver:
         StepError
             If the step fails.
         """
+        with self._certainty:
+            self._redraw()
+
+    def _redraw(self) -> None:
         self._ensure_initialised()
-        if self._overwritten:
-            # A predict broke off after writing points, which the core takes for its own. A write
-            # to x, of what it holds, tells it.
-            word = self._bus.read(int(self._x_addresses[0]))
-            self._bus.write(int(self._x_addresses[0]), word)
-            self.words_read += 1
-            self.words_written += 1
-            self._overwritten = False
         self._run(Step.SIG_GEN)
+        self._before = self._predicted = None
 
     def sigma_points(self) -> Array:
         """Run SIG_GEN, which costs nothing if the points are there, and read them.
@@ -398,9 +606,11 @@ class Driver:
         StepError
             If the step fails.
         """
-        self.redraw()
         n = self._params.n
-        read = self._read(self._X_read).reshape(n, n + 2)
+        with self._certainty:
+            self._redraw()
+            read = self._read(self._X_read).reshape(n, n + 2)
+            self._x = read[:, 0]
         points = np.empty((n, self._params.N))
         points[:, : n + 2] = read
         points[:, n + 2 :] = read[:, :1]
@@ -419,11 +629,22 @@ class Driver:
         StepError
             If the step fails.
         """
-        self._overwritten = True
-        words = self._write(self._X_write, points)
-        self._run(Step.PREDICT)
-        self._overwritten = False
-        return self._codec.from_words(words).reshape(points.shape)
+        words = self._codec.to_words(points.reshape(-1))
+        given = self._codec.from_words(words).reshape(points.shape)
+        with self._certainty:
+            x = self._x if self._x is not None else self._read(self._x_addresses)
+            self._step = Step.PREDICT  # its points are about to be overwritten
+            self._predicted = given
+            if self._before is None:
+                self._before = x
+            self._x = None
+            try:
+                self._write(self._X_write, words)
+                self._run(Step.PREDICT)
+            except REFUSALS:
+                self._before = self._predicted = None
+                raise
+        return given
 
     def update(self, points: Array, z: Array, mask: NDArray[np.bool_]) -> tuple[float, bool]:
         """Write observations of the sigma points and z, and run UPDATE.
@@ -449,21 +670,26 @@ class Driver:
         StepError
             If the step fails.
         """
-        self._ensure_initialised()
-        self._write(self._Z_write, np.concatenate((points.reshape(-1), z)))
+        words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
         bits = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
-        if bits != self._mask:
-            self._write_register(MASK, bits)
-            self._mask = bits
-        status = self._run(Step.UPDATE)
-        words = [self._read_register(NIS_LOW)]
-        if self._params.format.bus_words == 2:
-            words.append(self._read_register(NIS_HIGH))
-        nis = float(self._codec.from_words(np.array(words, dtype=np.uint32))[0])
-        return nis, bool(status & GATED)
+        with self._certainty:
+            self._ensure_initialised()
+            self._write(self._Z_write, words)
+            if bits != self._mask:
+                self._mask = None
+                self._write_register(MASK, bits)
+                self._mask = bits
+            gated = bool(self._run(Step.UPDATE) & GATED)
+            if not gated:
+                self._x = self._before = self._predicted = None
+            found = [self._read_register(NIS_LOW)]
+            if self._params.format.bus_words == 2:
+                found.append(self._read_register(NIS_HIGH))
+        return float(self._codec.from_words(np.array(found, dtype=np.uint32))[0]), gated
 
     def state(self) -> Array:
         """Read x, shape (n,)."""
+        self._certainty.check()
         return self._read(self._x_addresses)
 
     def covariance(self) -> Array:
@@ -474,14 +700,15 @@ class Driver:
         StepError
             If the step fails.
         """
-        self._ensure_initialised()
-        self._run(Step.COVARIANCE)
         n = self._params.n
         size = self._params.format.bus_words
         rows, columns = np.tril_indices(n)
         addresses = self._addresses("P", n, n).reshape(n, n, size)[rows, columns].reshape(-1)
         P = np.empty((n, n))
-        P[rows, columns] = P[columns, rows] = self._read(addresses)
+        with self._certainty:
+            self._ensure_initialised()
+            self._run(Step.COVARIANCE)
+            P[rows, columns] = P[columns, rows] = self._read(addresses)
         return P
 
     def status(self) -> dict[str, Any]:

@@ -4,7 +4,8 @@ Every word that the bus can read, and every word of the memories, equals the har
 """
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from operator import attrgetter
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,13 @@ def _mask_of(register: Register, *kinds: Access) -> int:
 
 #: Bits of each register that a write stores.
 _STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
+
+#: What a write to CONTROL may change.
+_CHANGING = (
+    "_step", "_program", "_step_mask", "_done", "_error_code", "_error_index", "_gated", "_cycles",
+    "_nis", "_interrupt_pending", "flags", "banks",
+)  # fmt: skip
+_what_changes = attrgetter(*_CHANGING)
 
 
 class EngineModel(Protocol):
@@ -164,6 +172,14 @@ class GoldenCore:
         self._gated = False
         self._cycles = 0
         self.flags = NO_FLAG
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_buffer"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        # The buffer is a view of the engine's memory.
+        self._buffer = GoldenBuffer(self.engine.layout, self.engine.memory)
 
     # What can be seen from outside.
 
@@ -309,7 +325,21 @@ class GoldenCore:
     # Steps.
 
     def _act(self, actions: int) -> None:
-        """CONTROL was written."""
+        """CONTROL was written. A program that Python interrupts has failed."""
+        if not self.busy:
+            self._program = None
+        before = _what_changes(self)
+        try:
+            self._control(actions)
+        except BaseException:
+            failed = self._program
+            for name, value in zip(_CHANGING, before, strict=True):
+                setattr(self, name, value)
+            if failed is not None and not self.busy:
+                self.flags &= ~ENDINGS[failed].failure.clears
+            raise
+
+    def _control(self, actions: int) -> None:
         if actions & _RESET:
             self._reset()
             return
@@ -406,7 +436,7 @@ class GoldenCore:
             raise RuntimeError("A step must run, not STATUS.STATE = IDLE")
         result = self._execute(None)
         step, program = self._step, self._program
-        self._step, self._program = Step.IDLE, None
+        self._step = Step.IDLE
         self._cycles = result.clocks
         self._done |= self._done_bit(step)
         self._signal("DONE")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend, make_backend
-from ukf_sw.errors import StepError
+from ukf_sw.errors import REFUSALS, StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.scenario import Scenario
 
@@ -93,8 +93,8 @@ class Estimates:
     stop
         The error that ended the run, or None.
     last_x
-        Estimate at the end, shape (n,): after a failed step the one that the core still has. None
-        if there is none.
+        Estimate at the end, shape (n,): after a failed step the one that the core still has or, if
+        that is not known, the one after the last step that was done. None if there is none.
     P
         Covariance at the end, shape (n, n), if it was asked for and the run came to its end.
     """
@@ -131,8 +131,14 @@ class Run(Estimates):
 
     @cached_property
     def errors(self) -> Array:
-        """Errors of the estimates, shape (K, e); names and units are those of the scenario."""
-        return self.scenario.error(self.x, self.scenario.truth[: self.steps])
+        """Errors of the estimates, shape (K, e); names and units are those of the scenario.
+
+        Raises
+        ------
+        ValueError
+            If the scenario has no truth.
+        """
+        return self.scenario.errors_of(self.x)
 
     @property
     def estimates(self) -> Estimates:
@@ -222,7 +228,8 @@ def run(
             last_P = ukf.P
     except ends_at as error:
         stop = Stop.of(error, done)
-        if isinstance(error, StepError):
+        # After other errors it is not known what the core holds.
+        if isinstance(error, REFUSALS):
             last_x = computer.state()
     return Run(
         scenario=scenario,

@@ -39,9 +39,10 @@ class Scenario:
     measurements
         Observations, shape (K, m).
     truth
-        True states, or whatever `error` compares with, shape (K, ...).
+        True states, or whatever `error` compares with, shape (K, ...). None if it is not known;
+        then there are no errors.
     error
-        Function of estimates (K, n) and truth (K, ...) that gives errors (K, e).
+        Function of estimates (K, n) and truth (K, ...) that gives errors (K, e); with the truth.
     error_names, error_units
         Name and unit of each error, e each.
     inputs
@@ -74,10 +75,10 @@ class Scenario:
     P0: Array
     times: Array
     measurements: Array
-    truth: Array
-    error: Callable[[Array, Array], Array]
-    error_names: tuple[str, ...]
-    error_units: tuple[str, ...]
+    truth: Array | None = None
+    error: Callable[[Array, Array], Array] | None = None
+    error_names: tuple[str, ...] = ()
+    error_units: tuple[str, ...] = ()
     inputs: Sequence[Any] | Array | None = None
     sampled: NDArray[np.bool_] | None = None
     observation_arguments: Sequence[Mapping[str, Any]] | None = None
@@ -106,6 +107,22 @@ class Scenario:
     def steps(self) -> int:
         """Number of steps, K."""
         return len(self.times)
+
+    def errors_of(self, x: Array) -> Array:
+        """Compare estimates of the first steps, shape (k, n), with the truth; gives (k, e).
+
+        Raises
+        ------
+        ValueError
+            If there is no truth, or no function that compares with it.
+        """
+        if self.truth is None or self.error is None:
+            missing = "truth" if self.truth is None else "error"
+            raise ValueError(
+                f"the scenario {self.name!r} must have {missing}, not None, to have errors: it can "
+                "be run, but what comes out cannot be judged"
+            )
+        return self.error(x, self.truth[: len(x)])
 
     def filter(self, backend: Backend | str = "reference") -> UnscentedKalmanFilter:
         """Make a filter for this scenario; see :class:`UnscentedKalmanFilter` for backends."""

@@ -9,14 +9,43 @@ from enum import Enum
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from ukf_sw.spec.float_format import FORMATS, FloatFormat
 
-__all__ = ["Meaning", "Parameter", "check_parameters", "parameters_of"]
+__all__ = [
+    "Meaning", "Parameter", "as_bool", "as_int", "as_number", "check_parameters", "parameters_of",
+]  # fmt: skip
 
 #: What the kinds of parameters are called in messages, and the types that do for them.
-_KINDS: dict[type, tuple[str, type | tuple[type, ...]]] = {
-    int: ("an int", int), float: ("a number", (int, float)), bool: ("a bool", bool),
-}  # fmt: skip
+_KINDS: dict[type, tuple[str, tuple[type, ...]]] = {
+    int: ("an int", (int, np.integer)),
+    float: ("a number", (int, float, np.integer, np.floating)),
+    bool: ("a bool", (bool, np.bool_)),
+}
+
+
+def _as(kind: type[Any], name: str, value: Any) -> Any:
+    called, kinds = _KINDS[kind]
+    value = value[()] if getattr(value, "shape", None) == () else value
+    if not isinstance(value, kinds) or (isinstance(value, bool) and kind is not bool):
+        raise TypeError(f"{name} must be {called}, not {value!r}")
+    return kind(value)
+
+
+def as_int(name: str, value: Any) -> int:
+    """Give an integer of Python or NumPy as int; TypeError for all else, bool included."""
+    return _as(int, name, value)
+
+
+def as_number(name: str, value: Any) -> float:
+    """Give a real number of Python or NumPy as float; TypeError for all else, bool included."""
+    return _as(float, name, value)
+
+
+def as_bool(name: str, value: Any) -> bool:
+    """Give a bool of Python or NumPy as bool; TypeError for all else."""
+    return _as(bool, name, value)
 
 
 @dataclass(frozen=True)
@@ -87,23 +116,29 @@ class Parameter:
         """Type of what :meth:`cell` gives."""
         return self.kind if self.kind in _KINDS else str
 
-    def check(self, value: Any) -> None:
-        """Check a value by itself.
+    def check(self, value: Any) -> Any:
+        """Check a value by itself, and give it as :attr:`kind`.
+
+        Numbers may be of NumPy, and values with names may be given by name.
 
         Raises
         ------
         TypeError
             If it is of the wrong kind.
         ValueError
-            If it is out of range.
+            If it is out of range, or no such name.
         """
-        called, kinds = _KINDS.get(self.kind, (f"a {self.kind.__name__}", self.kind))
-        if not isinstance(value, kinds) or (isinstance(value, bool) and self.kind is not bool):
-            raise TypeError(f"{self.name} must be {called}, not {value!r}")
+        if self.kind in _KINDS:
+            value = _as(self.kind, self.name, value)
+        elif isinstance(value, str):
+            value = self.read(value)
+        elif not isinstance(value, self.kind):
+            raise TypeError(f"{self.name} must be a {self.kind.__name__}, not {value!r}")
         low, high = self.meaning.low, self.meaning.high
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"at least {low}" if high is None else f"between {low} and {high}"
             raise ValueError(f"{self.name} must be {limits}, not {value!r}")
+        return value
 
     def cell(self, value: Any) -> int | float | str:
         """Give a value as an entry of a table."""
@@ -191,7 +226,7 @@ def parameters_of(block: type[Any]) -> dict[str, Parameter]:
 
 
 def check_parameters(block: object) -> None:
-    """Check each field of a dataclass by itself.
+    """Check each field of a dataclass by itself, and keep it as the kind that it is to be.
 
     Raises
     ------
@@ -201,4 +236,5 @@ def check_parameters(block: object) -> None:
         If one is out of range.
     """
     for parameter in parameters_of(type(block)).values():
-        parameter.check(getattr(block, parameter.name))
+        value = parameter.check(getattr(block, parameter.name))
+        object.__setattr__(block, parameter.name, value)  # the dataclass may be frozen

@@ -129,6 +129,10 @@ class Register:
                 raise ValueError(f"Field {self.name}.{field.name} overlaps another field")
             used |= field.mask
 
+    def __reduce__(self) -> str:
+        """Copy and pickle as the constant of this module."""
+        return self.name
+
     def __iter__(self) -> Iterator[Field]:
         return iter(self.fields)
 

@@ -243,7 +243,7 @@ def describe_attitude(
         plot_attitude(plot, scenario, x, P, limit=LIMIT, title=title)
     except OSError as error:
         fail(f"{plot}: {error.strerror}", 1)
-    errors = scenario.error(x, scenario.truth[: len(x)])[:, 0]
+    errors = scenario.errors_of(x)[:, 0]
     above = np.flatnonzero(errors >= LIMIT)
     settled = 0 if not above.size else int(above[-1]) + 1
     return {

@@ -54,7 +54,7 @@ def plot_attitude(
     from matplotlib.figure import Figure
 
     times = scenario.times[: len(x)]
-    errors = scenario.error(x, scenario.truth[: len(x)])
+    errors = scenario.errors_of(x)
     band = SIGMAS * attitude_deviations(x, P)
     figure = Figure(figsize=(9.0, 6.5), layout="constrained")
     FigureCanvasAgg(figure)

@@ -163,7 +163,8 @@ def _draw_gyroscope(file: Path, found: Run, caption: str) -> Path:
     every = max(1, scenario.steps // POINTS)
     # The input of a step is the sample before it; truth holds attitude and bias after it.
     times, measured = scenario.times[:-1:every], np.degrees(np.asarray(scenario.inputs)[1::every])
-    attitude, dt = scenario.truth[:, :4], scenario.times[1] - scenario.times[0]
+    attitude = np.asarray(scenario.truth)[:, :4]
+    dt = scenario.times[1] - scenario.times[0]
     # The error of an attitude, taken for an estimate of the one before it, is the turn in between.
     true = attitude_error(attitude[1:], attitude[:-1])[::every, 1:] / dt
     figure, panels = make_figure((8.0, 5.4), 2, share_x=True)

@@ -18,6 +18,7 @@ Where the papers are ambiguous or wrong, this follows the readings that reproduc
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import pi, radians
 from typing import Literal
 
@@ -220,6 +221,18 @@ def triad(first: Array, second: Array, *, physical: bool = False) -> Array:
 # Models.
 
 
+def _move(x: Array, w: Array, u: Array, *, dt: float) -> Array:
+    half = dt / 2.0
+    q1, q2, q3, q0 = x[:4]
+    r1, r2, r3 = u[0] - x[4], u[1] - x[5], u[2] - x[6]
+    moved = x + dt * w
+    moved[0] += half * (q0 * r1 + q2 * r3 - q3 * r2)
+    moved[1] += half * (q0 * r2 + q3 * r1 - q1 * r3)
+    moved[2] += half * (q0 * r3 + q1 * r2 - q2 * r1)
+    moved[3] -= half * (q1 * r1 + q2 * r2 + q3 * r3)
+    return moved
+
+
 def process_model(dt: float) -> ProcessModel:
     """Process model f(x, w, u), dead reckoning with the gyroscope (2018, equations 37 and 38).
 
@@ -231,19 +244,31 @@ def process_model(dt: float) -> ProcessModel:
     dt
         Sampling interval, s.
     """
-    half = dt / 2.0
+    return partial(_move, dt=dt)
 
-    def f(x: Array, w: Array, u: Array) -> Array:
-        q1, q2, q3, q0 = x[:4]
-        r1, r2, r3 = u[0] - x[4], u[1] - x[5], u[2] - x[6]
-        moved = x + dt * w
-        moved[0] += half * (q0 * r1 + q2 * r3 - q3 * r2)
-        moved[1] += half * (q0 * r2 + q3 * r1 - q1 * r3)
-        moved[2] += half * (q0 * r3 + q1 * r2 - q2 * r1)
-        moved[3] -= half * (q1 * r1 + q2 * r2 + q3 * r3)
-        return moved
 
-    return f
+def _observe(x: Array, v: Array, *, physical: bool) -> Array:
+    q1, q2, q3, q0 = x[:4]
+    s1, s2, s3, s0 = q1 * q1, q2 * q2, q3 * q3, q0 * q0
+    # The elements of A_q in the rows and columns of x and z, and those beside them.
+    xx, zz = s0 + s1 - s2 - s3, s0 - s1 - s2 + s3
+    xz, zx = 2.0 * (q0 * q2 + q1 * q3), 2.0 * (q1 * q3 - q0 * q2)
+    z = np.array(v)
+    if physical:
+        z[0] += zx
+        z[1] += 2.0 * (q0 * q1 + q2 * q3)
+        z[2] += zz
+        z[3] += xx
+        z[4] += 2.0 * (q1 * q2 - q0 * q3)
+        z[5] += xz
+    else:
+        z[0] += xz
+        z[1] += 2.0 * (q2 * q3 - q0 * q1)
+        z[2] += zz
+        z[3] += xx
+        z[4] += 2.0 * (q1 * q2 + q0 * q3)
+        z[5] += zx
+    return z
 
 
 def observation_model(*, physical: bool = False) -> ObservationModel:
@@ -255,31 +280,7 @@ def observation_model(*, physical: bool = False) -> ObservationModel:
         False: the papers' A_q b, with b_a = (0, 0, 1) and b_m = (1, 0, 0) (2018, equation 39);
         True: A_q^T b, what sensors on the body measure. g and the field strength are scaled out.
     """
-
-    def h(x: Array, v: Array) -> Array:
-        q1, q2, q3, q0 = x[:4]
-        s1, s2, s3, s0 = q1 * q1, q2 * q2, q3 * q3, q0 * q0
-        # The elements of A_q in the rows and columns of x and z, and those beside them.
-        xx, zz = s0 + s1 - s2 - s3, s0 - s1 - s2 + s3
-        xz, zx = 2.0 * (q0 * q2 + q1 * q3), 2.0 * (q1 * q3 - q0 * q2)
-        z = np.array(v)
-        if physical:
-            z[0] += zx
-            z[1] += 2.0 * (q0 * q1 + q2 * q3)
-            z[2] += zz
-            z[3] += xx
-            z[4] += 2.0 * (q1 * q2 - q0 * q3)
-            z[5] += xz
-        else:
-            z[0] += xz
-            z[1] += 2.0 * (q2 * q3 - q0 * q1)
-            z[2] += zz
-            z[3] += xx
-            z[4] += 2.0 * (q1 * q2 + q0 * q3)
-            z[5] += zx
-        return z
-
-    return h
+    return partial(_observe, physical=physical)
 
 
 # Truth.

@@ -12,6 +12,7 @@ nearby that of the second.
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import pi
 
 import numpy as np
@@ -39,23 +40,32 @@ P0 = 1e-3
 REST = 10.0
 
 
+def _move(x: Array, w: Array, u: Array, *, dt: float) -> Array:
+    q1, q2, q3, q0 = x[:4]
+    r1, r2, r3 = u[0] - x[4], u[1] - x[5], u[2] - x[6]
+    half = 0.5 * dt * np.sqrt(r1 * r1 + r2 * r2 + r3 * r3)
+    c, s = np.cos(half), 0.5 * dt * np.sinc(half / pi)
+    moved = x + dt * w
+    moved[:4] += (c - 1.0) * x[:4]
+    moved[0] += s * (q0 * r1 + q2 * r3 - q3 * r2)
+    moved[1] += s * (q0 * r2 + q3 * r1 - q1 * r3)
+    moved[2] += s * (q0 * r3 + q1 * r2 - q2 * r1)
+    moved[3] -= s * (q1 * r1 + q2 * r2 + q3 * r3)
+    return moved
+
+
 def process_model(dt: float) -> Callable[[Array, Array, Array], Array]:
     """Process model f(x, w, u): turn with the gyroscope's rate u, exactly, for dt seconds."""
+    return partial(_move, dt=dt)
 
-    def f(x: Array, w: Array, u: Array) -> Array:
-        q1, q2, q3, q0 = x[:4]
-        r1, r2, r3 = u[0] - x[4], u[1] - x[5], u[2] - x[6]
-        half = 0.5 * dt * np.sqrt(r1 * r1 + r2 * r2 + r3 * r3)
-        c, s = np.cos(half), 0.5 * dt * np.sinc(half / pi)
-        moved = x + dt * w
-        moved[:4] += (c - 1.0) * x[:4]
-        moved[0] += s * (q0 * r1 + q2 * r3 - q3 * r2)
-        moved[1] += s * (q0 * r2 + q3 * r1 - q1 * r3)
-        moved[2] += s * (q0 * r3 + q1 * r2 - q2 * r1)
-        moved[3] -= s * (q1 * r1 + q2 * r2 + q3 * r3)
-        return moved
 
-    return f
+def _observe(x: Array, v: Array, *, level: float, up: float) -> Array:
+    q1, q2, q3, q0 = x[:4]
+    s1, s2, s3, s0 = q1 * q1, q2 * q2, q3 * q3, q0 * q0
+    north = (s0 + s1 - s2 - s3, 2.0 * (q1 * q2 - q0 * q3), 2.0 * (q0 * q2 + q1 * q3))
+    above = (2.0 * (q1 * q3 - q0 * q2), 2.0 * (q0 * q1 + q2 * q3), s0 - s1 - s2 + s3)
+    field = (level * n + up * a for n, a in zip(north, above, strict=True))
+    return np.array([*above, *field]) + v
 
 
 def observation_model(dip: float) -> Callable[[Array, Array], Array]:
@@ -66,17 +76,7 @@ def observation_model(dip: float) -> Callable[[Array, Array], Array]:
     dip
         Angle of the field below the horizon, rad.
     """
-    level, up = np.cos(dip), -np.sin(dip)
-
-    def h(x: Array, v: Array) -> Array:
-        q1, q2, q3, q0 = x[:4]
-        s1, s2, s3, s0 = q1 * q1, q2 * q2, q3 * q3, q0 * q0
-        north = (s0 + s1 - s2 - s3, 2.0 * (q1 * q2 - q0 * q3), 2.0 * (q0 * q2 + q1 * q3))
-        above = (2.0 * (q1 * q3 - q0 * q2), 2.0 * (q0 * q1 + q2 * q3), s0 - s1 - s2 + s3)
-        field = (level * n + up * a for n, a in zip(north, above, strict=True))
-        return np.array([*above, *field]) + v
-
-    return h
+    return partial(_observe, level=np.cos(dip), up=-np.sin(dip))
 
 
 def recorded_imu(*, steps: int | None = None) -> Scenario:

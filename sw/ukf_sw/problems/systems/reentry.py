@@ -10,6 +10,7 @@ Positions are of the order of 6400 km with errors of some metres, near the limit
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -42,6 +43,24 @@ TRUE_START = (6500.4, 349.14, -1.8093, -6.7967, 0.6932)
 START = (6500.4, 349.14, -1.8093, -6.7967, 0.0)
 
 
+def _move(x: Array, w: Array, u: None, *, centre: float) -> Array:
+    first = x[0] + centre
+    radius = np.sqrt(first * first + x[1] * x[1])
+    speed = np.sqrt(x[2] * x[2] + x[3] * x[3])
+    coefficient = BALLISTIC * np.exp(x[4])
+    drag = coefficient * np.exp((EARTH_RADIUS - radius) / SCALE_HEIGHT) * speed
+    gravity = -GRAVITATION / radius**3
+    return np.array(
+        [
+            x[0] + DT * x[2],
+            x[1] + DT * x[3],
+            x[2] + DT * (drag * x[2] + gravity * first) + w[0],
+            x[3] + DT * (drag * x[3] + gravity * x[1]) + w[1],
+            x[4] + w[2],
+        ]
+    )
+
+
 def process_model(centre: float = 0.0) -> Callable[[Array, Array, None], Array]:
     """Process model f(x, w, u): one Euler step of drag and gravity.
 
@@ -50,25 +69,12 @@ def process_model(centre: float = 0.0) -> Callable[[Array, Array, None], Array]:
     centre
         First coordinate of the origin as seen from the centre of the Earth, km.
     """
+    return partial(_move, centre=centre)
 
-    def f(x: Array, w: Array, u: None) -> Array:
-        first = x[0] + centre
-        radius = np.sqrt(first * first + x[1] * x[1])
-        speed = np.sqrt(x[2] * x[2] + x[3] * x[3])
-        coefficient = BALLISTIC * np.exp(x[4])
-        drag = coefficient * np.exp((EARTH_RADIUS - radius) / SCALE_HEIGHT) * speed
-        gravity = -GRAVITATION / radius**3
-        return np.array(
-            [
-                x[0] + DT * x[2],
-                x[1] + DT * x[3],
-                x[2] + DT * (drag * x[2] + gravity * first) + w[0],
-                x[3] + DT * (drag * x[3] + gravity * x[1]) + w[1],
-                x[4] + w[2],
-            ]
-        )
 
-    return f
+def _observe(x: Array, v: Array, *, centre: float) -> Array:
+    first = x[0] + (centre - EARTH_RADIUS)
+    return np.array([np.sqrt(first * first + x[1] * x[1]), np.arctan2(x[1], first)]) + v
 
 
 def observation_model(centre: float = 0.0) -> Callable[[Array, Array], Array]:
@@ -79,12 +85,7 @@ def observation_model(centre: float = 0.0) -> Callable[[Array, Array], Array]:
     centre
         As for :func:`process_model`.
     """
-
-    def h(x: Array, v: Array) -> Array:
-        first = x[0] + (centre - EARTH_RADIUS)
-        return np.array([np.sqrt(first * first + x[1] * x[1]), np.arctan2(x[1], first)]) + v
-
-    return h
+    return partial(_observe, centre=centre)
 
 
 def reentry(

@@ -5,6 +5,8 @@ the same seven terms, the observation noise six: M = 20. The quaternion is never
 length is observed, because z = A(q) r grows with it, and normalising sigma points diverges.
 """
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,13 @@ Array = NDArray[np.float64]
 SWAMPSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)
 
 
+def _move(x: Array, w: Array, u: Array, *, time: float) -> Array:
+    rates = np.array([u[0] - x[4], u[1] - x[5], u[2] - x[6]])
+    moved = x + w
+    moved[:4] = propagate(x[:4], rates, time) + w[:4]
+    return moved
+
+
 def process_model(dt: float) -> ProcessModel:
     """Process model f(x, w, u): the exact step of equation 14, plus w.
 
@@ -32,14 +41,7 @@ def process_model(dt: float) -> ProcessModel:
     dt
         Sampling interval of the gyroscope, s.
     """
-
-    def f(x: Array, w: Array, u: Array, time: float = dt) -> Array:
-        rates = np.array([u[0] - x[4], u[1] - x[5], u[2] - x[6]])
-        moved = x + w
-        moved[:4] = propagate(x[:4], rates, time) + w[:4]
-        return moved
-
-    return f
+    return partial(_move, time=dt)
 
 
 def process_covariance(sigma_v: float, sigma_u: float, dt: float) -> Array:
@@ -59,26 +61,26 @@ def process_covariance(sigma_v: float, sigma_u: float, dt: float) -> Array:
     return np.diag([sigma_v**2 * dt / 4.0] * 4 + [sigma_u**2 * dt] * 3)
 
 
+def _observe(x: Array, v: Array, references: Array) -> Array:
+    q1, q2, q3, q4 = x[:4]
+    s1, s2, s3, s4 = q1 * q1, q2 * q2, q3 * q3, q4 * q4
+    xy, zw, xz = 2.0 * q1 * q2, 2.0 * q3 * q4, 2.0 * q1 * q3
+    yw, yz, xw = 2.0 * q2 * q4, 2.0 * q2 * q3, 2.0 * q1 * q4
+    xx, yy, zz = s4 + s1 - s2 - s3, s4 - s1 + s2 - s3, s4 - s1 - s2 + s3
+    z = np.array(v)
+    for row, (rx, ry, rz) in zip((0, 3), references, strict=True):
+        z[row] += xx * rx + (xy + zw) * ry + (xz - yw) * rz
+        z[row + 1] += (xy - zw) * rx + yy * ry + (yz + xw) * rz
+        z[row + 2] += (xz + yw) * rx + (yz - xw) * ry + zz * rz
+    return z
+
+
 def observation_model() -> ObservationModel:
     """Observation model h(x, v, references): directions in the body frame (equation 1).
 
     The keyword argument ``references`` has the directions of Sun and field, inertial, shape (2, 3).
     """
-
-    def h(x: Array, v: Array, references: Array) -> Array:
-        q1, q2, q3, q4 = x[:4]
-        s1, s2, s3, s4 = q1 * q1, q2 * q2, q3 * q3, q4 * q4
-        xy, zw, xz = 2.0 * q1 * q2, 2.0 * q3 * q4, 2.0 * q1 * q3
-        yw, yz, xw = 2.0 * q2 * q4, 2.0 * q2 * q3, 2.0 * q1 * q4
-        xx, yy, zz = s4 + s1 - s2 - s3, s4 - s1 + s2 - s3, s4 - s1 - s2 + s3
-        z = np.array(v)
-        for row, (rx, ry, rz) in zip((0, 3), references, strict=True):
-            z[row] += xx * rx + (xy + zw) * ry + (xz - yw) * rz
-            z[row + 1] += (xy - zw) * rx + yy * ry + (yz + xw) * rz
-            z[row + 2] += (xz + yw) * rx + (yz - xw) * ry + zz * rz
-        return z
-
-    return h
+    return _observe
 
 
 class UkfEstimator:
