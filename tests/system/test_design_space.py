@@ -312,8 +312,8 @@ def test_bad_application(arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"clock_mhz": 0.0}, r"^clock must be more than 0 MHz, not 0\.0$"),
-        ({"word_clocks": -1.0}, r"^bus latency must be at least 0 clocks, not -1\.0$"),
+        ({"clock_mhz": 0.0}, r"^clock_mhz must be more than 0, not 0\.0$"),
+        ({"word_clocks": -1.0}, r"^word_clocks must be at least 0, not -1\.0$"),
     ],
 )
 def test_bad_conditions(arguments, message):

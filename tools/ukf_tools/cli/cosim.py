@@ -9,6 +9,7 @@ import typer
 from rich.table import Table
 
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.folders import check_file
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -30,6 +31,7 @@ from ukf_tools.cli.options import (
     SeedOption,
     with_core,
 )
+from ukf_tools.cli.paths import IMAGES, folder_option
 
 # What takes long to import is imported by the command itself.
 if TYPE_CHECKING:
@@ -59,7 +61,7 @@ def cosim(
     bus_latency: BusLatencyOption = 0.0,
     cache: Annotated[
         Path,
-        typer.Option("--cache", help="Folder of compiled cores.", rich_help_panel=COSIM),
+        folder_option("--cache", "Folder of compiled cores.", rich_help_panel=COSIM),
     ] = Path("build/cosim"),
     waves: Annotated[
         Path | None,
@@ -102,6 +104,8 @@ def cosim(
         if not math.isfinite(bus_latency):
             raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
         recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
+        image = plot or Path("build/plots") / f"cosim-{core.stem}.png"
+        check_file("--plot", image, IMAGES)
     with progress_teller() as tell, checked():
         try:
             found = cosimulate(
@@ -115,11 +119,11 @@ def cosim(
             fail(str(error), 1)
     reference = run(found.run.scenario, steps=steps, ends_at=(StepError,))
     judged = judge(found.run, reference)
-    image = None
     if found.run.steps:
-        image = plot or cache.parent / "plots" / f"cosim-{core.stem}.png"
         drawn = {"core, simulated": found.run, "float64 reference": reference}
         plot_errors(image, drawn, core.title)
+    else:
+        image = None
     record = _record(core, recipe.seed, p0, simulator.value, found, judged)
     record["plot"] = None if image is None else str(image)
     record["waves"] = None

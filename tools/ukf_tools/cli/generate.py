@@ -15,6 +15,7 @@ from ukf_tools.cli.console import (
     progress_bars,
 )
 from ukf_tools.cli.options import with_core
+from ukf_tools.cli.paths import folder_option
 
 __all__ = ["generate"]
 
@@ -31,9 +32,7 @@ def _address(text: str) -> int:
 @with_core
 def generate(
     core: Core,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
-        "build/rtl"
-    ),
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path("build/rtl"),
     base_address: Annotated[
         str,
         typer.Option(
@@ -49,8 +48,6 @@ def generate(
 
     Equal inputs give equal bytes.
     """
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
     from ukf_hdl.generate import generate as write
 
     with checked():

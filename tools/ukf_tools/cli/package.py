@@ -18,13 +18,9 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.options import SeedOption, with_core
+from ukf_tools.cli.paths import folder_option
 
 __all__ = ["package", "write_testbench"]
-
-
-def _folder(output: Path) -> None:
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
 
 
 @needs("hdl")
@@ -32,7 +28,7 @@ def _folder(output: Path) -> None:
 def package(
     core: Core,
     board: Annotated[str, typer.Option("--board", help=f"Board: {', '.join(BOARDS)}.")],
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/package"
     ),
     check: Annotated[
@@ -46,7 +42,6 @@ def package(
     """
     if board not in BOARDS:
         fail(f"--board must be one of {', '.join(BOARDS)}, not {board!r}")
-    _folder(output)
     if check:
         try:
             import_module("tkinter")
@@ -84,7 +79,7 @@ def package(
 @with_core
 def write_testbench(
     core: Core,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/testbench"
     ),
     steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations of the filter.")] = 3,
@@ -95,7 +90,6 @@ def write_testbench(
 
     For simulators that know nothing of Python. It prints PASS or FAIL.
     """
-    _folder(output)
     from ukf_sim.testbench import write
     from ukf_sw.problems.recipe import Recipe
 
