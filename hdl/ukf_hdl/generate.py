@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
@@ -18,7 +19,7 @@ from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
-from ukf_sw.folders import cache_folder
+from ukf_sw.folders import cache_folder, locked, replacing
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -34,6 +35,7 @@ __all__ = [
     "header",
     "interface_files",
     "without_header",
+    "write_together",
 ]
 
 #: Name of the Verilog module and stem of the files.
@@ -287,6 +289,32 @@ def _builtin_yosys():
         os.environ.update(before)
 
 
+def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
+    """Write files that belong together, each whole or not at all, and all of them at once.
+
+    Whoever writes others to the same folder at the same time waits, so those of the last one stay.
+
+    Parameters
+    ----------
+    files
+        Contents by name.
+    output
+        Folder to write to; made if absent.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    with locked(output):
+        for name, content in files.items():
+            (output / name).parent.mkdir(parents=True, exist_ok=True)
+            with replacing(output / name) as part:
+                part.write_text(content, encoding="utf-8")
+    return [output / name for name in files]
+
+
 def generate(
     params: UkfParams,
     pipeline: Pipeline | None,
@@ -297,6 +325,9 @@ def generate(
     interrupt: int = INTERRUPT,
 ) -> list[Path]:
     """Write a core to a folder. Equal inputs give equal files, byte for byte.
+
+    If two cores are written to a folder at the same time, it has all files of the last one; see
+    :func:`write_together`.
 
     Parameters
     ----------
@@ -325,8 +356,4 @@ def generate(
     interfaces = interface_files(core, base_address=base_address, interrupt=interrupt)
     with _builtin_yosys():
         text = verilog.convert(Toplevel(core), name=NAME, emit_src=False, strip_internal_attrs=True)
-    files = {f"{NAME}.v": header(core) + text, **interfaces}
-    for file, content in files.items():
-        (output / file).parent.mkdir(parents=True, exist_ok=True)
-        (output / file).write_text(content, encoding="utf-8")
-    return [output / file for file in files]
+    return write_together({f"{NAME}.v": header(core) + text, **interfaces}, output)

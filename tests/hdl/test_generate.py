@@ -1,6 +1,8 @@
 import json
 import os
 import re
+import threading
+from contextlib import suppress
 from dataclasses import asdict
 
 import pytest
@@ -9,7 +11,7 @@ from support.stub_engine import StubEngine
 from ukf_hdl.core.control import Control
 from ukf_hdl.core.soc import csr
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import NAME, description, generate, without_header
+from ukf_hdl.generate import NAME, description, generate, without_header, write_together
 from ukf_sw import __version__
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.float_format import BINARY16, BINARY64
@@ -188,3 +190,30 @@ def test_a_user_without_a_cache_gets_the_same_bytes(variables, tmp_path, monkeyp
     without = generate(SMALLEST, Pipeline(), tmp_path / "without", engine=StubEngine(SMALLEST))
     assert [file.read_bytes() for file in without] == [file.read_bytes() for file in usual]
     assert os.environ.get("XDG_CACHE_HOME") == variables.get("XDG_CACHE_HOME")
+
+
+def test_cores_that_are_written_to_a_folder_at_once_are_not_mixed(tmp_path):
+    """Nor is a file seen half: at any time it is one or the other, at the end all are of one."""
+    cores = [dict.fromkeys(("a", "c/b", "d"), f"{number}" * 10 ** 6) for number in range(2)]
+    threads = [threading.Thread(target=write_together, args=(core, tmp_path)) for core in cores * 4]
+    seen = set()
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        with suppress(FileNotFoundError):
+            seen.add((tmp_path / "d").read_text())
+    assert seen <= {core["d"] for core in cores}
+    assert {name: (tmp_path / name).read_text() for name in cores[0]} in cores
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b", "c", "d"]
+
+
+def test_generate_writes_together(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(
+        "ukf_hdl.generate.write_together", lambda files, output: written.append((files, output))
+    )
+    generate_stub(SMALLEST, tmp_path)
+    ((files, output),) = written
+    assert output == tmp_path
+    assert "c/ukf_core.h" in files
+    assert not list(tmp_path.iterdir())

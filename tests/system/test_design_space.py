@@ -9,6 +9,7 @@ from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ukf_sw.problems.recipe import Recipe
@@ -165,11 +166,58 @@ def test_cache_keeps_results(cache):
     assert cache.keys("kind") == {"key"}
 
 
-@pytest.mark.parametrize("text", ["", '{"identity": 1, "res', "[]", "{}"])
-def test_cache_takes_a_broken_file_for_none(cache, text):
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b'{"identity": 1, "res',
+        b"[]",
+        b"{}",
+        b"\xff",
+        b'{"result": {"value": 2}}',
+        b"[" * 10**5,
+    ],
+)
+def test_cache_takes_a_broken_file_for_none(cache, content):
     cache.put("kind", "key", {"value": 1})
-    (cache.folder / "kind" / "key.json").write_text(text)
+    (cache.folder / "kind" / "key.json").write_bytes(content)
     assert cache.get("kind", "key") is None
+
+
+def test_result_under_a_wrong_name_is_none(cache):
+    cache.put("kind", "key", {"value": 1})
+    (cache.folder / "kind" / "key.json").rename(cache.folder / "kind" / "other.json")
+    assert cache.get("kind", "other") is None
+
+
+@pytest.mark.parametrize(
+    "flips", [400, pytest.param(10_000, marks=pytest.mark.slow)], ids=["some", "many"]
+)
+def test_no_flipped_bit_is_taken(cache, yosys, generator, flips):
+    """In no kind of file: what is found is what was kept, or nothing, and it is found out again."""
+    points = grid([Point.of(Core(params=NANOSAT))], pes=(2,))
+    questions = Questions(application="nanosat", steps=5)
+    first = sweep(points, questions, cache, Here())
+    parts = questions.parts(points[0]).values()
+    kept = {part: part.load(cache) for part in parts}
+    files = sorted(cache.folder.rglob("*.json"))
+    assert len(files) == len(parts) + 1  # a netlist is kept apart
+    rng = np.random.default_rng(flips)
+    refused = 0
+    for number in range(flips):
+        file = files[number % len(files)]
+        original = file.read_bytes()
+        changed = bytearray(original)
+        position = int(rng.integers(8 * len(original)))
+        changed[position // 8] ^= 1 << position % 8
+        file.write_bytes(changed)
+        found = {part: part.load(cache) for part in parts}
+        assert all(found[part] in (None, kept[part]) for part in parts)
+        refused += None in found.values()
+        if number % 100 == 0:
+            assert sweep(points, questions, cache, Here()).rows == first.rows
+        file.write_bytes(original)
+    assert refused > flips / 10
 
 
 def test_interrupted_write_leaves_nothing(cache, monkeypatch):
