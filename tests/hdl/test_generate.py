@@ -194,7 +194,7 @@ def test_a_user_without_a_cache_gets_the_same_bytes(variables, tmp_path, monkeyp
 
 def test_cores_that_are_written_to_a_folder_at_once_are_not_mixed(tmp_path):
     """Nor is a file seen half: at any time it is one or the other, at the end all are of one."""
-    cores = [dict.fromkeys(("a", "c/b", "d"), f"{number}" * 10 ** 6) for number in range(2)]
+    cores = [dict.fromkeys(("a", "c/b", "d"), f"{number}" * 10**6) for number in range(2)]
     threads = [threading.Thread(target=write_together, args=(core, tmp_path)) for core in cores * 4]
     seen = set()
     for thread in threads:

@@ -17,7 +17,8 @@ VERILATOR = """\
 if [ "$1" = --version ]; then echo "Verilator 5.999 2026-01-01"; echo more; exit; fi
 while [ $# -gt 0 ]; do [ "$1" = --Mdir ] && folder=$2; shift; done
 echo "$MAKEFLAGS; ${VERILATOR_ROOT-none}" > "$folder/called"
-touch "$folder/program"
+
+echo "$folder" > "$folder/program"
 """
 
 

@@ -175,13 +175,12 @@ def run_c_in_the_loop(
         tell("generate")
         scenario_file, _ = export_scenario(scenario, steps, folder)
         generate(scenario.params, pipeline, folder / "rtl")
-        tell("compile")
         objects = compile_objects(
             (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
         )
         built = build_executable(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
-            optimise=optimise,
+            optimise=optimise, compiling=lambda: tell("compile"),
         )  # fmt: skip
         tell("run")
         command = [

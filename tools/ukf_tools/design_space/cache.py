@@ -66,9 +66,9 @@ class Cache:
             part.write_text(json.dumps(record, indent=1), encoding="utf-8")
 
     def keys(self, kind: str) -> frozenset[str]:
-        """Keys of all results of some kind."""
+        """Keys of all results of some kind that are whole."""
         return frozenset(
             file.stem
             for file in (self.folder / kind).glob("*.json")
-            if not file.name.startswith(".")
+            if self.get(kind, file.stem) is not None
         )
