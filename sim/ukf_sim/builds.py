@@ -25,7 +25,7 @@ from ukf_sim.simulators import (
 from ukf_sw.extras import importing
 from ukf_sw.folders import locked
 
-__all__ = ["EXECUTABLE", "Build", "build", "build_executable"]
+__all__ = ["EXECUTABLE", "Build", "build", "build_executable", "is_whole"]
 
 #: Name of the executable of :func:`build_executable`.
 EXECUTABLE = "program"
@@ -254,8 +254,16 @@ def _digest(file: Path) -> str | None:
         return None
 
 
-def _is_whole(folder: Path, program: str) -> bool:
-    """Whether a folder has what was compiled into it, unchanged."""
+def is_whole(folder: Path, program: str) -> bool:
+    """Whether a folder has the program that was compiled into it, unchanged.
+
+    Parameters
+    ----------
+    folder
+        Folder of a :class:`Build`.
+    program
+        Name of the file that is run.
+    """
     try:
         kept = json.loads((folder / _DONE).read_bytes())[program]
     except (OSError, ValueError, KeyError, TypeError):
@@ -279,7 +287,7 @@ def _cached(
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with locked(folder.parent / f"{key}.lock"):
-            compiled = not _is_whole(folder, program)
+            compiled = not is_whole(folder, program)
             if compiled:
                 if compiling is not None:
                     compiling()
