@@ -30,7 +30,7 @@ from ukf_sw.errors import BusError
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
-__all__ = ["RemoteBus", "cosim_backend", "serve"]
+__all__ = ["RemoteBus", "cosim_backend", "serve", "simulator_of"]
 
 
 def serve(context: Context, *, address: str) -> None:
@@ -199,6 +199,25 @@ def main(folder: Path) -> None:
         raise SystemExit(1) from error
 
 
+def simulator_of(where: str) -> Simulator:
+    """Give the simulator of the backend ``cosim:where``.
+
+    Parameters
+    ----------
+    where
+        Name of a simulator; Verilator if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such simulator.
+    """
+    names = [simulator.value for simulator in Simulator]
+    if where and where not in names:
+        raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
+    return Simulator(where) if where else Simulator.VERILATOR
+
+
 def cosim_backend(params: UkfParams, where: str = "", pipeline: Pipeline | None = None) -> Driver:
     """Make the backend ``cosim``, or ``cosim:icarus``: a driver of a simulated core.
 
@@ -218,10 +237,7 @@ def cosim_backend(params: UkfParams, where: str = "", pipeline: Pipeline | None 
     SimulatorError
         If the simulator is not installed or fails.
     """
-    names = [simulator.value for simulator in Simulator]
-    if where and where not in names:
-        raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
-    bus = RemoteBus(params, pipeline, Simulator(where) if where else Simulator.VERILATOR)
+    bus = RemoteBus(params, pipeline, simulator_of(where))
     return Driver(
         bus, params, interrupt=bus.wait_for_interrupt, clock=bus.clock, count_cycles=True,
         timeout=step_timeout(params, pipeline or Pipeline()),

@@ -441,3 +441,38 @@ def test_place_of_the_plot_is_judged_also_if_it_is_the_default(ukf, tmp_path, co
 )
 def test_records_have_no_seed(ukf, arguments, message):
     assert message in ukf(*arguments, code=2).stderr
+
+
+# What is missing is told before the work.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("run", "--config", "nanosat", "--backend", "cosim"),
+            "c++, which verilator needs, is not",
+        ),
+        (("run", "--config", "nanosat", "--backend", "cosim:icarus"), "icarus is not installed"),
+        (("run", "--config", "nanosat", "--backend", "uio:99"), "/dev/uio99: no such UIO device"),
+        (("cosim", "--config", "nanosat", "--simulator", "icarus"), "icarus is not installed"),
+        (("apps", "run", "nanosat", "--backend", "cosim"), "c++, which verilator needs"),
+        (("apps", "all", "--cosim-steps", 1), "c++, which verilator needs, is not installed"),
+        (("c-loop", "--config", "nanosat"), "cc is not installed"),
+        (("c-arm", "--config", "nanosat"), "qemu-arm is not installed"),
+        (("baseline",), "arm-linux-gnueabihf-gcc is not installed"),
+    ],
+)
+def test_missing_tools_are_told_before_the_work(ukf, tmp_path, monkeypatch, arguments, message):
+    (tmp_path / "bin").mkdir()
+    for name in ("make", "perl"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which(name))
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+
+    def work(*_, **__):
+        raise AssertionError("the work has begun")
+
+    for place in ("ukf_sw.problems.recipe.Recipe.scenario", "ukf_tools.baseline.report._software",
+                  "ukf_sw.problems.catalogue.Entry.scenario"):  # fmt: skip
+        monkeypatch.setattr(place, work)
+    assert message in ukf(*arguments, code=1).stderr

@@ -35,7 +35,13 @@ from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
 
-__all__ = ["CLoopOutcome", "first_difference", "golden_results", "run_c_in_the_loop"]
+__all__ = [
+    "CLoopOutcome",
+    "first_difference",
+    "golden_results",
+    "require_tools",
+    "run_c_in_the_loop",
+]
 
 HARNESS = Path(__file__).with_name("harness.cpp")
 
@@ -120,6 +126,18 @@ def _bits(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.nan, values).view(np.uint64)
 
 
+def require_tools() -> None:
+    """Demand what compiles the C code and the Verilog.
+
+    Raises
+    ------
+    CompilerError, SimulatorError
+        If something is not installed.
+    """
+    Toolchain.NATIVE.require()
+    Simulator.VERILATOR.require()
+
+
 def run_c_in_the_loop(
     scenario: Scenario,
     steps: int,
@@ -168,8 +186,7 @@ def run_c_in_the_loop(
         If a compiler is missing, at once; if something does not compile, or the program fails.
     """
     tell = progress or (lambda what: None)
-    Toolchain.NATIVE.require()
-    Simulator.VERILATOR.require()
+    require_tools()
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from ukf_sw.backends import require_backend
 from ukf_sw.extras import MissingExtraError
+from ukf_tools.cli.backends import need_simulation
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -173,6 +174,8 @@ def run_command(
     differs from the golden model.
     """
     require_backend(backend.value)
+    if backend is AppBackend.COSIM:
+        need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_tools.evaluate.evaluation import evaluate
 
@@ -211,8 +214,8 @@ def run_all(
     The exit code is 1 if anything is outside of its bound.
     """
     require_backend(backend.value)
-    if cosim_steps:
-        require_backend("cosim")
+    if cosim_steps or backend is AppBackend.COSIM:
+        need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
     from ukf_tools.evaluate.evaluation import evaluate_all

@@ -108,7 +108,7 @@ def c_loop(
     The exit code is 1 if a bit differs. For a plot, the covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
-    from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
+    from ukf_sim.c_in_the_loop.loop import require_tools, run_c_in_the_loop
     from ukf_sim.cosimulation import cosimulate
     from ukf_sim.simulators import SimulatorError
 
@@ -116,6 +116,10 @@ def c_loop(
         recipe = _nanosatellite(core, seed, p0)
     if beside_cocotb:
         require("sim")
+    try:
+        require_tools()
+    except (CompilerError, SimulatorError) as error:
+        fail(str(error), 1)
     with checked():
         scenario = recipe.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars, checked():
@@ -176,10 +180,14 @@ def c_arm(
     The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
-    from ukf_tools.arm.emulator import run_on_arm
+    from ukf_tools.arm.emulator import require_arm, run_on_arm
 
     with checked():
         recipe = _nanosatellite(core, seed, p0)
+    try:
+        require_arm()
+    except CompilerError as error:
+        fail(str(error), 1)
     with progress_bars(counted=False) as bars, checked():
         bars.add_task("Running", total=None)
         try:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ukf_sw.backends import make_backend, require_backend
+from ukf_sw.backends import make_backend
 from ukf_sw.folders import check_file
 from ukf_sw.spec.core import Core
+from ukf_tools.cli.backends import need_backend
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -72,7 +73,7 @@ def run(
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
-    require_backend(backend)
+    need_backend(backend, core)
     from ukf_sw.errors import StepError, UkfError
     from ukf_sw.problems.catalogue import find
     from ukf_sw.problems.judging import judge
