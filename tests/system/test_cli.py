@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -33,6 +34,34 @@ def test_module_is_the_command(ukf):
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert result.stdout == ukf("latency", *TINY, "--json").stdout
+
+
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupter:
+    def find_spec(self, name, path=None, target=None):
+        if name == "ukf_tools.cli.apps":
+            os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.SIG_IGN if sys.argv[2:] else signal.default_int_handler)
+sys.meta_path.insert(0, Interrupter())
+from ukf_tools.__main__ import main
+
+sys.argv[1:] = ["--version"]
+main()
+"""
+
+
+@pytest.mark.parametrize("ignored", [False, True], ids=["heard", "ignored"])
+def test_interrupt_while_the_command_is_loaded(ignored):
+    """It ends at once, without a traceback; in the background, where it is ignored, it goes on."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, "--version", *(["ignored"] * ignored)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == (0 if ignored else -signal.SIGINT)
+    assert done.stderr == ""
 
 
 def test_commands_have_the_same_options_of_a_core():

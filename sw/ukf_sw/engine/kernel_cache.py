@@ -18,6 +18,9 @@ from numba.core import caching, serialize
 
 __all__ = ["compiled", "sources_digest"]
 
+#: Numba's own pickler, which takes what it compiles.
+_serialize: Any = serialize
+
 #: Packages that compiled functions, and the constants in them, may come from.
 _PACKAGES = ("ukf_sw.engine", "ukf_sw.spec")
 
@@ -47,7 +50,7 @@ class _CheckedFile:
         self._file = file
 
     def save(self, key: Any, data: Any) -> None:
-        kept = serialize.dumps(((sources_digest(), key), data))
+        kept: bytes = _serialize.dumps(((sources_digest(), key), data))
         self._file.save(key, (hashlib.sha256(kept).digest(), kept))
 
     def load(self, key: Any) -> Any:
