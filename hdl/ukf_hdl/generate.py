@@ -324,7 +324,7 @@ def generate(
     base_address: int = BASE_ADDRESS,
     interrupt: int = INTERRUPT,
 ) -> list[Path]:
-    """Write a core to a folder. Equal inputs give equal files, byte for byte.
+    """Write a core to a folder. Equal inputs give equal files, byte for byte, with equal Amaranth.
 
     If two cores are written to a folder at the same time, it has all files of the last one; see
     :func:`write_together`.

@@ -1,12 +1,15 @@
+import ast
 import json
 import os
 import re
 import threading
 from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 
+import ukf_hdl
 from support.stub_engine import StubEngine
 from ukf_hdl.core.control import Control
 from ukf_hdl.core.soc import csr
@@ -217,3 +220,15 @@ def test_generate_writes_together(tmp_path, monkeypatch):
     assert output == tmp_path
     assert "c/ukf_core.h" in files
     assert not list(tmp_path.iterdir())
+
+
+def test_names_of_signals_do_not_depend_on_the_version_of_python():
+    """Amaranth takes them from the bytecode, which is the same only if a statement makes one."""
+    for file in Path(ukf_hdl.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+                for value in node.value.elts:
+                    named = isinstance(value, ast.Call) and "name" in {
+                        k.arg for k in value.keywords
+                    }
+                    assert named or not isinstance(value, ast.Call), (file.name, node.lineno)
