@@ -19,7 +19,7 @@ from ukf_hdl.interfaces.device_tree import device_tree
 from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_sw import __version__
-from ukf_sw.folders import cache_folder, locked, replacing
+from ukf_sw.folders import cache_folder, check_folder, locked, replacing
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -350,8 +350,9 @@ def generate(
     Raises
     ------
     ValueError
-        If address or interrupt are out of range.
+        At once, if the folder cannot be written to, or if address or interrupt are out of range.
     """
+    check_folder("output", output)
     core = UkfCore(params, pipeline, engine=engine)
     interfaces = interface_files(core, base_address=base_address, interrupt=interrupt)
     with _builtin_yosys():

@@ -16,6 +16,7 @@ from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.extras import require
+from ukf_sw.folders import check_folder
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
@@ -193,7 +194,8 @@ def run_job(
     Raises
     ------
     ValueError
-        If `waves` is no file for a waveform of that simulator.
+        If `waves` is no file for a waveform of that simulator, or nothing can be written to the
+        cache.
     SimulatorError
         If the simulator is not installed or fails.
     MissingExtraError
@@ -204,6 +206,7 @@ def run_job(
     simulator.require()
     if waves is not None:
         simulator.require_waves(waves)
+    check_folder("cache", cache)
     from ukf_hdl.generate import NAME, generate
 
     tell = progress or (lambda phase, done: None)

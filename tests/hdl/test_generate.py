@@ -222,13 +222,18 @@ def test_generate_writes_together(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+def test_place_is_judged_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("ukf_hdl.generate.UkfCore", None)
+    with pytest.raises(ValueError, match=r"^output must be a folder, not the file "):
+        generate(SMALLEST, Pipeline(), tmp_path / "file")
+
+
 def test_names_of_signals_do_not_depend_on_the_version_of_python():
     """Amaranth takes them from the bytecode, which is the same only if a statement makes one."""
     for file in Path(ukf_hdl.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
-                for value in node.value.elts:
-                    named = isinstance(value, ast.Call) and "name" in {
-                        k.arg for k in value.keywords
-                    }
-                    assert named or not isinstance(value, ast.Call), (file.name, node.lineno)
+                for call in (value for value in node.value.elts if isinstance(value, ast.Call)):
+                    names = {keyword.arg for keyword in call.keywords}
+                    assert "name" in names, (file.name, call.lineno)

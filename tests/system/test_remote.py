@@ -146,5 +146,5 @@ def test_simulators_that_there_are_not():
 
 def test_simulator_that_fails(icarus, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(SimulatorError, match="File exists"):
+    with pytest.raises(SimulatorError, match=r"^cache must be a folder, not the file "):
         RemoteBus(TINY, simulator=icarus, cache=tmp_path / "file")

@@ -30,6 +30,7 @@ from ukf_sim.c_in_the_loop.compiler import (
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.folders import check_folder
 from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
@@ -181,12 +182,13 @@ def run_c_in_the_loop(
     Raises
     ------
     ValueError
-        If the scenario cannot be exported.
+        If the scenario cannot be exported, or nothing can be written to the cache.
     CompilerError, SimulatorError
         If a compiler is missing, at once; if something does not compile, or the program fails.
     """
     tell = progress or (lambda what: None)
     require_tools()
+    check_folder("cache", cache)
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")
