@@ -368,7 +368,9 @@ def test_sweep_without_its_scheduler(ukf, monkeypatch):
 
 
 def test_report_without_a_sweep(ukf):
-    assert "--sweep must be a file of `ukf sweep`" in ukf("report", code=2).stderr
+    for arguments in ((), ("--sweep", ".")):
+        message = ukf("report", *arguments, code=2).stderr
+        assert "--sweep must be a file of `ukf sweep`, not '" in message
 
 
 def test_numbers():

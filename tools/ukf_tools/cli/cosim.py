@@ -1,6 +1,5 @@
 """Command ``ukf cosim``."""
 
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,8 +100,6 @@ def cosim(
         "simulate": "Simulating",
     }
     with checked():
-        if not math.isfinite(bus_latency):
-            raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
         recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
         image = plot or Path("build/plots") / f"cosim-{core.stem}.png"
         check_file("--plot", image, IMAGES)

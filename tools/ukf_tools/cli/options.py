@@ -60,6 +60,7 @@ BusLatencyOption = Annotated[
     typer.Option(
         "--bus-latency",
         min=0.0,
+        max=1e6,
         rich_help_panel=COSIM,
         help="Clocks that a bus word takes at least, on average; 0: as few as the "
         "core needs; 15.6: the bus of the 2018 paper.",

@@ -56,8 +56,9 @@ def file_option(option: str, help: str, kinds: Sequence[str] = (), **rest: Any) 
     )
 
 
-def _check_source(option: str, path: Any, what: str) -> Path:
-    if not (os.fspath(path) and Path(path).exists()):
+def _check_source(option: str, path: Any, what: str, metavar: str) -> Path:
+    there = Path(path).is_file() if metavar == "FILE" else Path(path).is_dir()
+    if not (os.fspath(path) and there):
         raise ValueError(f"{option} must be {what}, not {os.fspath(path)!r}")
     return Path(path)
 
@@ -67,11 +68,13 @@ def source_option(option: str, help: str, what: str, metavar: str) -> Any:
 
     Parameters
     ----------
-    option, help, metavar
+    option, help
         As ``typer.Option`` takes them.
     what
-        What it must be, for the message if nothing is there.
+        What it must be, for the message if it is not there.
+    metavar
+        FILE or FOLDER.
     """
     return typer.Option(
-        option, help=help, metavar=metavar, parser=_parser(_check_source, option, what)
+        option, help=help, metavar=metavar, parser=_parser(_check_source, option, what, metavar)
     )
