@@ -202,7 +202,8 @@ class Engine(wiring.Component):
         m.submodules.limits = limits = Memory(
             shape=limit.shape(), depth=max(params.m + 1, 2), init=[]
         )
-        read, write = limits.read_port(domain="comb"), limits.write_port()
+        read = limits.read_port(domain="comb")
+        write = limits.write_port()
         seen = Signal(params.m + 1)
         is_seen = seen.bit_select(word.row, 1)
         is_coupling = (word.row != 0) & word.coupling
