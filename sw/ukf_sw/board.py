@@ -161,6 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     about: dict[str, Any] = {"config": options.config, "seed": options.seed, "pes": pes}
     if options.save is not None:
         try:
+            options.save.parent.mkdir(parents=True, exist_ok=True)
             with replacing(options.save) as part, part.open("wb") as stream:
                 np.savez(stream, x=found.x, **about)
         except OSError as error:

@@ -302,7 +302,7 @@ def test_other_packages_add_backends(monkeypatch):
 
 
 def test_board_command_saves_and_compares(tmp_path, capsys):
-    file = tmp_path / "saved.npz"
+    file = tmp_path / "absent" / "saved.npz"
     common = ["--config", "nanosat-additive", "--steps", "2", "--pes", "10"]
     assert run_on_emulated_board([*common, "--save", str(file)]) == 0
     assert run_on_emulated_board([*common, "--compare", str(file)]) == 0
