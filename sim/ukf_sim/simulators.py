@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ukf_sw.errors import UkfError
-from ukf_sw.folders import cache_folder
+from ukf_sw.folders import cache_folder, check_file
 
 __all__ = [
     "Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "is_plain", "plain",
@@ -318,17 +318,8 @@ class Simulator(Enum):
                 f"waves must be a {waves.suffix} file, which is what {self.value} writes, "
                 f"not {str(file)!r}"
             )
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            there = file.exists()
-            with file.open("ab"):
-                pass
-            if not there:
-                file.unlink()
-        except OSError as error:
-            raise ValueError(
-                f"waves must be a file that can be written, not {str(file)!r}: {error.strerror}"
-            ) from error
+        check_file("waves", file)
+        file.parent.mkdir(parents=True, exist_ok=True)
         for header in waves.headers:
             command = ["c++", "-x", "c++", "-fsyntax-only", "-"]
             text = f"#include <{header}>\n".encode()

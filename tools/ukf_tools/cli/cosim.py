@@ -30,7 +30,7 @@ from ukf_tools.cli.options import (
     SeedOption,
     with_core,
 )
-from ukf_tools.cli.paths import IMAGES, folder_option
+from ukf_tools.cli.paths import IMAGES, file_option, folder_option
 
 # What takes long to import is imported by the command itself.
 if TYPE_CHECKING:
@@ -64,12 +64,12 @@ def cosim(
     ] = Path("build/cosim"),
     waves: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
             "--waves",
-            rich_help_panel=COSIM,
-            help="Waveform to write, with lists of signals for GTKWave and Surfer: "
+            "Waveform to write, with lists of signals for GTKWave and Surfer: "
             + ", ".join(f"{each.tool.waves.suffix} for {each.value}" for each in Simulator)
             + ". Compiles and simulates slower.",
+            rich_help_panel=COSIM,
         ),
     ] = None,
     as_json: JsonOption = False,
