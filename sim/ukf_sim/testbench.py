@@ -9,7 +9,7 @@ from pathlib import Path
 from ukf_hdl.instance import NAME
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import StepError
-from ukf_sw.folders import output_folder
+from ukf_sw.folders import check_folder
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
@@ -188,12 +188,11 @@ def write(recipe: Recipe, steps: int, output: Path, *, name: str = NAME) -> list
     Raises
     ------
     ValueError
-        As :func:`record`.
-    OSError
-        If the folder cannot be written, before anything else is done.
+        As :func:`record`, or if the folder cannot be written to, before anything else is done.
     """
-    output_folder(output)
+    check_folder("output", output)
     accesses = record(recipe, steps)
+    output.mkdir(parents=True, exist_ok=True)
     bench, vectors = output / f"{name}_tb.v", output / f"{name}_tb.hex"
     bench.write_text(
         _TEXT.format(

@@ -15,6 +15,7 @@ import faulthandler
 import sys
 import time
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from ukf_sw.backends import make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import UkfError
 from ukf_sw.extras import MissingExtraError
+from ukf_sw.folders import check_file, replacing
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.judging import judge
 from ukf_sw.problems.recipe import Recipe
@@ -79,6 +81,27 @@ def compare(x: NDArray[np.float64], saved: dict[str, Any], about: dict[str, Any]
     return None
 
 
+def _load(file: Path) -> dict[str, Any]:
+    """Load what another run saved.
+
+    Raises
+    ------
+    ValueError
+        If the file is none of those.
+    """
+    wrong = f"--compare must be a file that --save wrote, not {str(file)!r}"
+    try:
+        with np.load(BytesIO(file.read_bytes()), allow_pickle=False) as contents:
+            saved: dict[str, Any] = {name: contents[name] for name in contents}
+        x = saved.pop("x")
+        about = {name: saved[name].item() for name in ("config", "seed", "pes")}
+    except Exception as error:  # NumPy and zipfile raise all kinds of a file that is damaged
+        raise ValueError(f"{wrong} ({type(error).__name__}: {error})") from error
+    if x.dtype != np.float64 or x.ndim != 2:
+        raise ValueError(f"{wrong} (x must be of float64 and 2 dimensions)")
+    return {"x": x, **about}
+
+
 def _print(found: Run, reference: Run, backend: object, seconds: float) -> None:
     each = seconds / found.steps * 1e6
     print(f"{found.scenario.name}: {found.steps} steps, {each:.0f} us each with the models")
@@ -115,6 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
+        # What can be wrong with files is found before a run that may take long.
+        if options.save is not None:
+            check_file("--save", options.save, (".npz",))
+        saved = None if options.compare is None else _load(options.compare)
         recipe = Recipe.of(options.config, seed=options.seed, pes=options.pes)
         scenario = recipe.scenario(options.steps)
         backend = make_backend(options.backend, scenario.params)
@@ -130,16 +157,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 1
     _print(found, run(scenario, "reference"), backend, seconds)
-    about: dict[str, Any] = {
-        "config": options.config,
-        "seed": options.seed,
-        "pes": backend.pes if isinstance(backend, Driver) else 0,
-    }
-    if options.save:
-        np.savez(options.save, allow_pickle=False, x=found.x, **about)
-    if options.compare:
-        with np.load(options.compare) as file:
-            saved = {name: file[name] if name == "x" else file[name].item() for name in file}
+    pes = backend.pes if isinstance(backend, Driver) else 0
+    about: dict[str, Any] = {"config": options.config, "seed": options.seed, "pes": pes}
+    if options.save is not None:
+        try:
+            options.save.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(options.save) as part, part.open("wb") as stream:
+                np.savez(stream, x=found.x, **about)
+        except OSError as error:
+            print(f"Error: --save {options.save}: {error.strerror}", file=sys.stderr)
+            return 1
+    if saved is not None:
         difference = compare(found.x, saved, about)
         if difference is not None:
             print(f"Not equal: {difference}", file=sys.stderr)

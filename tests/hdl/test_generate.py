@@ -1,15 +1,20 @@
+import ast
 import json
 import os
 import re
+import threading
+from contextlib import suppress
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 
+import ukf_hdl
 from support.stub_engine import StubEngine
 from ukf_hdl.core.control import Control
 from ukf_hdl.core.soc import csr
 from ukf_hdl.core.ukf_core import UkfCore
-from ukf_hdl.generate import NAME, description, generate, without_header
+from ukf_hdl.generate import NAME, description, generate, without_header, write_together
 from ukf_sw import __version__
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.float_format import BINARY16, BINARY64
@@ -224,3 +229,47 @@ def test_the_verilog_says_what_memories_are(params, lanes, tmp_path):
     assert {name: set(styles.values()) for name, styles in found.items()} == {
         "history": {"distributed"}
     }
+
+
+def test_cores_that_are_written_to_a_folder_at_once_are_not_mixed(tmp_path):
+    """Nor is a file seen half: at any time it is one or the other, at the end all are of one."""
+    cores = [dict.fromkeys(("a", "c/b", "d"), f"{number}" * 10**6) for number in range(2)]
+    threads = [threading.Thread(target=write_together, args=(core, tmp_path)) for core in cores * 4]
+    seen = set()
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        with suppress(FileNotFoundError):
+            seen.add((tmp_path / "d").read_text())
+    assert seen <= {core["d"] for core in cores}
+    assert {name: (tmp_path / name).read_text() for name in cores[0]} in cores
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a", "b", "c", "d"]
+
+
+def test_generate_writes_together(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(
+        "ukf_hdl.generate.write_together", lambda files, output: written.append((files, output))
+    )
+    generate_stub(SMALLEST, tmp_path)
+    ((files, output),) = written
+    assert output == tmp_path
+    assert "c/ukf_core.h" in files
+    assert not list(tmp_path.iterdir())
+
+
+def test_place_is_judged_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("ukf_hdl.generate.UkfCore", None)
+    with pytest.raises(ValueError, match=r"^output must be a folder, not the file "):
+        generate(SMALLEST, Pipeline(), tmp_path / "file")
+
+
+def test_names_of_signals_do_not_depend_on_the_version_of_python():
+    """Amaranth takes them from the bytecode, which is the same only if a statement makes one."""
+    for file in Path(ukf_hdl.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple):
+                for call in (value for value in node.value.elts if isinstance(value, ast.Call)):
+                    names = {keyword.arg for keyword in call.keywords}
+                    assert "name" in names, (file.name, call.lineno)

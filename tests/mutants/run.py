@@ -458,6 +458,97 @@ MUTANTS = [
         "address + bank * layout.bank_offset", "address",
         "tests/system/test_waves.py::test_rows_have_their_names",
     ),
+    Mutant(
+        "kept: the digest of a result is not looked at", "tools/ukf_tools/design_space/cache.py",
+        "return result if digest == key_of([kind, key, result]) else None", "return result",
+        f"{DESIGN_SPACE} -k flipped",
+    ),
+    Mutant(
+        "kept: a damaged netlist counts as known", "tools/ukf_tools/design_space/cache.py",
+        "if self.get(kind, file.stem) is not None", "if True",
+        f"{DESIGN_SPACE} -k damaged_netlist",
+    ),
+    Mutant(
+        "kept: the digest of machine code is not looked at", "sw/ukf_sw/engine/kernel_cache.py",
+        "if digest != hashlib.sha256(kept).digest():", "if False:",
+        "tests/sw/test_kernel_cache.py -k flipped",
+    ),
+    Mutant(
+        "kept: any program that is there is run", "sim/ukf_sim/builds.py",
+        "return kept is not None and kept == _digest(folder / program)", "return True",
+        "tests/system/test_simulators.py -k damaged",
+    ),
+    Mutant(
+        "kept: what is compiled is compiled in its own folder", "sim/ukf_sim/builds.py",
+        "made = Path(scratch, folder.name)", 'made = folder.with_name("made")',
+        "tests/system/test_simulators.py -k cannot_name",
+    ),
+    Mutant(
+        "kept: nobody waits for a folder", "sw/ukf_sw/folders.py",
+        "fcntl.flock(handle, fcntl.LOCK_EX)", "pass",
+        "tests/sw/test_folders.py -k one_at_a_time",
+    ),
+    Mutant(
+        "kept: files are written in place", "sw/ukf_sw/folders.py",
+        'part = file.with_name(f".{uuid.uuid4().hex}{_PART}")', "part = file",
+        "tests/sw/test_folders.py -k whole",
+    ),
+    Mutant(
+        "command line: folders are not judged", "tools/ukf_tools/cli/paths.py",
+        "parser=_parser(check_folder, option), **rest", "**rest",
+        "tests/system/test_cli.py -k paths_are_judged",
+    ),
+    Mutant(
+        "command line: messages name fields", "tools/ukf_tools/cli/names.py",
+        'return f"{_OPTIONS.get(name, name)}{must}{rule}"', "return message",
+        "tests/system/test_cli.py -k bad_arguments",
+    ),
+    Mutant(
+        "command line: a record takes any seed", "sw/ukf_sw/problems/catalogue.py",
+        "if self.recorded and seed:", "if False:",
+        "tests/system/test_cli.py -k records",
+    ),
+    Mutant(
+        "command line: a missing device is told after the work", "tools/ukf_tools/cli/backends.py",
+        "make_backend(name, core.params, core.pipeline)", "pass",
+        "tests/system/test_cli.py -k before_the_work",
+    ),
+    Mutant(
+        "command line: a missing simulator is told after the work",
+        "tools/ukf_tools/cli/backends.py",
+        "simulator_of(simulator).require()", "simulator_of(simulator)",
+        "tests/system/test_cli.py -k before_the_work",
+    ),
+    Mutant(
+        "board: files are judged after the run", "sw/ukf_sw/board.py",
+        'check_file("--save", options.save, (".npz",))', "pass",
+        "tests/sw/test_boards.py -k judges",
+    ),
+    Mutant(
+        "cluster: a scheduler that has gone is an error of Dask's",
+        "tools/ukf_tools/design_space/executors.py",
+        'if future.status == "cancelled":', "if False:",
+        f"{DESIGN_SPACE} -k scheduler_that_is_killed",
+    ),
+    Mutant(
+        "register server: two programs at once", "tools/ukf_tools/arm/register_server.py",
+        "if self._server.is_alive():", "if False:",
+        "tests/system/test_register_server.py -k second",
+    ),
+    Mutant(
+        "signals: two in a statement", "hdl/ukf_hdl/core/unpacker.py",
+        """        write = history.write_port()
+        earlier = history.read_port(domain="comb")
+""",
+        """        write, earlier = history.write_port(), history.read_port(domain="comb")
+""",
+        "tests/hdl/test_generate.py -k names_of_signals",
+    ),
+    Mutant(
+        "projects: a name may begin with an underscore", "tools/ukf_tools/new/project_writer.py",
+        "[a-z][a-z0-9_]*", "[a-z_][a-z0-9_]*",
+        "tests/system/test_new.py -k names_are_checked",
+    ),
 ]  # fmt: skip
 
 

@@ -340,7 +340,7 @@ def test_other_packages_add_backends(monkeypatch):
 
 
 def test_board_command_saves_and_compares(tmp_path, capsys):
-    file = tmp_path / "saved.npz"
+    file = tmp_path / "absent" / "saved.npz"
     common = ["--config", "nanosat-additive", "--steps", "2", "--pes", "10"]
     assert run_on_emulated_board([*common, "--save", str(file)]) == 0
     assert run_on_emulated_board([*common, "--compare", str(file)]) == 0
@@ -355,6 +355,66 @@ def test_board_command_saves_and_compares(tmp_path, capsys):
     np.savez(file, **contents)
     assert run_on_emulated_board([*common, "--compare", str(file)]) == 1
     assert "x[2] after step 1 is" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("--save", "/dev/null/x.npz"),
+            "--save must be a file that can be written, not '",
+        ),
+        (("--save", "."), "--save must be a file, not the folder '.'"),
+        (("--save", "x.foo"), "--save must end with .npz, not 'x.foo'"),
+        (
+            ("--compare", "absent.npz"),
+            "--compare must be a file that --save wrote, not 'absent",
+        ),
+        (("--compare", "text.npz"), "--compare must be a file that --save wrote, not 'text.npz'"),
+        (("--compare", "other.npz"), "--compare must be a file that --save wrote, not 'other"),
+        (("--compare", "array.npz"), "--compare must be a file that --save wrote, not 'arr"),
+        (("--compare", "objects.npz"), "--compare must be a file that --save wrote, not 'obj"),
+        (("--compare", "floats.npz"), "(x must be of float64 and 2 dimensions)"),
+        (("--compare", "."), "--compare must be a file that --save wrote, not '.'"),
+        (("--config", "ctrv", "--seed", "3"), "seed must be 0 for ctrv, which is a record, not 3"),
+    ],
+)
+def test_board_command_judges_files_before_it_runs(
+    tmp_path, monkeypatch, capsys, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.npz").write_text("text")
+    np.savez(tmp_path / "other.npz", y=np.zeros(3))
+    with (tmp_path / "array.npz").open("wb") as file:
+        np.save(file, np.zeros(3))
+    about = {"config": "nanosat", "seed": 0, "pes": 1}
+    np.savez(tmp_path / "objects.npz", x=np.array([{}]), **about)
+    np.savez(tmp_path / "floats.npz", x=np.zeros((2, 7), np.float32), **about)
+    monkeypatch.setattr("ukf_sw.board.run", None)
+    assert main(["--backend", "reference", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_no_flipped_bit_of_a_saved_run_is_compared(tmp_path, monkeypatch, capsys):
+    """It is refused, or at least not equal."""
+    monkeypatch.setattr("ukf_sw.board._print", lambda *arguments: None)
+    file = tmp_path / "saved.npz"
+    common = ["--backend", "reference", "--config", "pendulum", "--steps", "3"]
+    assert main([*common, "--save", str(file)]) == 0
+    original = file.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["saved.npz"]
+    rng = np.random.default_rng(0)
+    codes = []
+    for position in rng.integers(8 * len(original), size=100):
+        changed = bytearray(original)
+        changed[position // 8] ^= 1 << position % 8
+        file.write_bytes(changed)
+        codes.append(main([*common, "--compare", str(file)]))
+        # Some bits mean nothing: dates, for instance.
+        equal = "Equal to" in capsys.readouterr().out
+        assert equal == (codes[-1] == 0)
+    assert set(codes) <= {0, 1, 2}
+    assert codes.count(2) > 30
 
 
 def test_board_command_fails_with_a_message(tmp_path, capsys):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core import caching
 
 import ukf_sw
 from ukf_sw.backends import make_backend
@@ -116,6 +117,32 @@ def test_damaged_files_are_written_anew(package):
         file.write_bytes(file.read_bytes()[:100])
         assert package.run() == (3.0 + CODE, 0)
     assert package.run() == (3.0 + CODE, 1)
+
+
+def test_no_flipped_bit_is_taken(tmp_path):
+    """Neither in the index nor in the data; a wrong bit of machine code would run."""
+    rng = np.random.default_rng(0)
+    key, data = ("signature", "processor"), {"code": rng.bytes(3000), "name": "probe"}
+
+    def file():
+        kept = caching.IndexDataCacheFile(str(tmp_path), "probe", kernel_cache.sources_digest())
+        return kernel_cache._CheckedFile(kept)
+
+    file().save(key, data)
+    assert file().load(key) == data
+    originals = {path: path.read_bytes() for path in sorted(tmp_path.iterdir())}
+    refused = 0
+    for path, original in originals.items():
+        for position in rng.integers(8 * len(original), size=250):
+            changed = bytearray(original)
+            changed[position // 8] ^= 1 << position % 8
+            path.write_bytes(changed)
+            found = file().load(key)
+            assert found in (None, data)
+            refused += found is None
+            for other, content in originals.items():
+                other.write_bytes(content)
+    assert refused > 300
 
 
 def test_processes_that_start_at_once(package):

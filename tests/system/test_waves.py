@@ -405,9 +405,10 @@ def test_suffix_must_agree(simulator, name, tmp_path):
 def test_file_must_be_one_that_can_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.vcd").mkdir()
-    for file in (tmp_path / "file" / "run.vcd", tmp_path / "folder.vcd"):
-        with pytest.raises(ValueError, match=r"^waves must be a file that can be written, not '"):
-            Simulator.ICARUS.require_waves(file)
+    with pytest.raises(ValueError, match=r"^waves must be a file that can be written, not '"):
+        Simulator.ICARUS.require_waves(tmp_path / "file" / "run.vcd")
+    with pytest.raises(ValueError, match=r"^waves must be a file, not the folder '"):
+        Simulator.ICARUS.require_waves(tmp_path / "folder.vcd")
     Simulator.ICARUS.require_waves(tmp_path / "new" / "run.vcd")
     assert not (tmp_path / "new" / "run.vcd").exists()
 

@@ -28,6 +28,7 @@ from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
 from ukf_sw.spec.core import Core
 from ukf_sw.spec.parameters import Pipeline, UkfParams
+from ukf_tools.evaluate.workers import processors
 
 __all__ = ["STUDY", "run_filterpy"]
 
@@ -221,7 +222,7 @@ def _sweep() -> dict[str, float]:
 def _measure(tell: Tell) -> dict[str, Any]:
     record: dict[str, Any] = {
         "computer": {
-            "processors": len(os.sched_getaffinity(0)),
+            "processors": processors(),
             "machine": platform.machine(),
             "python": platform.python_version(),
             "load": round(os.getloadavg()[0], 2),

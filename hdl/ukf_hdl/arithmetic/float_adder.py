@@ -272,7 +272,9 @@ class FloatAdder(FloatUnit):
         # is next to a power of two and might round to another place is right in either.
         carry, normal = plain[-1] & ~subtract, plain[-2]
         up = Signal()
-        up_carry, up_normal, up_left = Signal(), Signal(), Signal()
+        up_carry = Signal()
+        up_normal = Signal()
+        up_left = Signal()
         total = Signal(precision + 1)
         last = Signal()
         m.d.comb += [

@@ -167,7 +167,8 @@ class Engine(wiring.Component):
             fmt, stages=self._code.pipeline.reciprocal_sqrt
         )
         number = FloatLayout(fmt)
-        source, value = Signal(fmt.width), Signal(fmt.width, name="bus")
+        source = Signal(fmt.width)
+        value = Signal(fmt.width, name="bus")
         bus = _Bus(source=number(source), value=number(value))
         with m.Switch(word.bus_source):
             with m.Case(BusSource.LOAD):
@@ -201,7 +202,8 @@ class Engine(wiring.Component):
         m.submodules.limits = limits = Memory(
             shape=limit.shape(), depth=max(params.m + 1, 2), init=[]
         )
-        read, write = limits.read_port(domain="comb"), limits.write_port()
+        read = limits.read_port(domain="comb")
+        write = limits.write_port()
         seen = Signal(params.m + 1)
         is_seen = seen.bit_select(word.row, 1)
         is_coupling = (word.row != 0) & word.coupling
@@ -290,7 +292,8 @@ class Engine(wiring.Component):
         )
         m.submodules.scalar_file = scalar_file
         # Read without a clock, so distributed memory; its register is the memories' read clock.
-        read, write = scalar_file.read_port(domain="comb"), scalar_file.write_port()
+        read = scalar_file.read_port(domain="comb")
+        write = scalar_file.write_port()
         m.d.comb += [
             read.addr.eq(word.scalar_address),
             write.addr.eq(word.scalar_write_address),

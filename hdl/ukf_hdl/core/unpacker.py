@@ -93,7 +93,8 @@ class Unpacker(wiring.Component):
             init=[],
             attrs=ram_style(1 << DISTANCE_WIDTH, fmt.word_width, clocked=False),
         )
-        write, earlier = history.write_port(), history.read_port(domain="comb")
+        write = history.write_port()
+        earlier = history.read_port(domain="comb")
         newest = Signal(DISTANCE_WIDTH)  # where the word of this clock goes
         repeated = Signal(DISTANCE_WIDTH)  # where the word that the next one repeats is
         steps = Signal(packet["steps"].shape)

@@ -30,12 +30,19 @@ from ukf_sim.c_in_the_loop.compiler import (
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.folders import check_folder
 from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
 
-__all__ = ["CLoopOutcome", "first_difference", "golden_results", "run_c_in_the_loop"]
+__all__ = [
+    "CLoopOutcome",
+    "first_difference",
+    "golden_results",
+    "require_tools",
+    "run_c_in_the_loop",
+]
 
 HARNESS = Path(__file__).with_name("harness.cpp")
 
@@ -120,6 +127,18 @@ def _bits(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.nan, values).view(np.uint64)
 
 
+def require_tools() -> None:
+    """Demand what compiles the C code and the Verilog.
+
+    Raises
+    ------
+    CompilerError, SimulatorError
+        If something is not installed.
+    """
+    Toolchain.NATIVE.require()
+    Simulator.VERILATOR.require()
+
+
 def run_c_in_the_loop(
     scenario: Scenario,
     steps: int,
@@ -163,25 +182,24 @@ def run_c_in_the_loop(
     Raises
     ------
     ValueError
-        If the scenario cannot be exported.
+        If the scenario cannot be exported, or nothing can be written to the cache.
     CompilerError, SimulatorError
         If a compiler is missing, at once; if something does not compile, or the program fails.
     """
     tell = progress or (lambda what: None)
-    Toolchain.NATIVE.require()
-    Simulator.VERILATOR.require()
+    require_tools()
+    check_folder("cache", cache)
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")
         scenario_file, _ = export_scenario(scenario, steps, folder)
         generate(scenario.params, pipeline, folder / "rtl")
-        tell("compile")
         objects = compile_objects(
             (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
         )
         built = build_executable(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
-            optimise=optimise,
+            optimise=optimise, compiling=lambda: tell("compile"),
         )  # fmt: skip
         tell("run")
         command = [

@@ -200,10 +200,10 @@ def _execute(
             finite = True
             of_innovation = True
             if word["row"] > 0 and word["coupling"]:
-                row = word["row"] - 1
+                row = int(word["row"]) - 1
                 couplings[row] = max(couplings[row], abs(bus))
             elif word["row"] > 0:
-                row = word["row"] - 1
+                row = int(word["row"]) - 1
                 finite = bool(bus < np.inf)
                 if row < array.observations:
                     is_noise = _is_noise(bus, couplings[row], array.noise_exponent)

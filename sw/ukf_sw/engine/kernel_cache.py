@@ -6,6 +6,7 @@ says from which sources, for which types and for which processor, and nothing el
 """
 
 import hashlib
+import pickle
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -13,9 +14,12 @@ from importlib.resources import files
 from typing import Any
 
 from numba import njit  # pyright: ignore[reportUnknownVariableType]
-from numba.core import caching
+from numba.core import caching, serialize
 
 __all__ = ["compiled", "sources_digest"]
+
+#: Numba's own pickler, which takes what it compiles.
+_serialize: Any = serialize
 
 #: Packages that compiled functions, and the constants in them, may come from.
 _PACKAGES = ("ukf_sw.engine", "ukf_sw.spec")
@@ -35,28 +39,31 @@ def sources_digest() -> str:
 
 
 class _CheckedFile:
-    """What Numba writes for a function, with its origin beside it.
+    """What Numba writes for a function, with its origin and a digest beside it.
 
     Processes that compile at the same time may overwrite each other's files, of other sources or
-    for another processor; the origin tells.
+    for another processor; the origin tells. Machine code with a wrong bit still runs; the digest
+    tells.
     """
 
     def __init__(self, file: Any) -> None:
         self._file = file
 
     def save(self, key: Any, data: Any) -> None:
-        self._file.save(key, ((sources_digest(), key), data))
+        kept: bytes = _serialize.dumps(((sources_digest(), key), data))
+        self._file.save(key, (hashlib.sha256(kept).digest(), kept))
 
     def load(self, key: Any) -> Any:
         try:
-            found = self._file.load(key)
+            digest, kept = self._file.load(key) or (b"", b"")
+            if digest != hashlib.sha256(kept).digest():
+                return None
+            origin, data = pickle.loads(kept)
         except Exception:  # a damaged file can raise anything
             with suppress(OSError):
                 self._file.flush()
             return None
-        if found is None or found[0] != (sources_digest(), key):
-            return None
-        return found[1]
+        return data if origin == (sources_digest(), key) else None
 
 
 class _KernelCache:

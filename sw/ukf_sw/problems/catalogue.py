@@ -54,8 +54,7 @@ class Entry:
     params
         Sizes and kinds of noise of its core.
     factory
-        Makes the scenario: ``factory(seed, steps)``, where None is all steps. Records have no seed
-        and disregard it.
+        Makes the scenario: ``factory(seed, steps)``, where None is all steps.
     bounds
         Expected errors, of whole runs with any seed.
     runs
@@ -63,6 +62,8 @@ class Entry:
     rounding
         By which part the errors of a core in binary32 may differ from those of the float64
         reference on the same data.
+    recorded
+        Whether all of the data is a record, so that the only seed is 0.
     """
 
     name: str
@@ -73,6 +74,20 @@ class Entry:
     bounds: tuple[Bound, ...]
     runs: int = 1
     rounding: float = 0.01
+    recorded: bool = False
+
+    def check_seed(self, seed: int, runs: int = 1) -> None:
+        """Check the seed of a run, or of the first of some runs.
+
+        Raises
+        ------
+        ValueError
+            If the data is a record, which has one seed, and this is another or there are more.
+        """
+        if self.recorded and seed:
+            raise ValueError(f"seed must be 0 for {self.name}, which is a record, not {seed!r}")
+        if self.recorded and runs > 1:
+            raise ValueError(f"runs must be 1 for {self.name}, which is a record, not {runs!r}")
 
     def scenario(self, seed: int = 0, steps: int | None = None) -> Scenario:
         """Make the scenario.
@@ -80,7 +95,7 @@ class Entry:
         Parameters
         ----------
         seed
-            Seed of the data.
+            Seed of the data; records disregard it.
         steps
             How many steps; None is all.
 
@@ -230,6 +245,7 @@ _ENTRIES = (
         source="Records of Udacity's CarND-Extended-Kalman-Filter-Project",
         params=CTRV,
         factory=lambda seed, steps: ctrv(steps=steps),
+        recorded=True,
         bounds=(
             _around("x", 0.067, 0.02, _SAME),
             _around("y", 0.080, 0.02, _SAME),
@@ -243,6 +259,7 @@ _ENTRIES = (
         source="Records of Udacity's CarND-Extended-Kalman-Filter-Project",
         params=CTRV,
         factory=lambda seed, steps: ctrv(lidar="masked", steps=steps),
+        recorded=True,
         bounds=(
             _around("x", 0.067, 0.02, _SAME),
             _around("y", 0.080, 0.02, _SAME),
@@ -300,6 +317,7 @@ _ENTRIES = (
         source="BROAD (Laidig et al. 2021), trial 1; Madgwick 2.31, Mahony 3.42 degrees published",
         params=RECORDED_IMU,
         factory=lambda seed, steps: recorded_imu(steps=steps),
+        recorded=True,
         bounds=(
             _around("attitude", 2.23, 0.03, f"{_SAME}, which were not rounded to 16 bits"),
         ),

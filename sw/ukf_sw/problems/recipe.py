@@ -40,7 +40,8 @@ class Recipe:
     Raises
     ------
     ValueError
-        If there is no such entry, the core does not fit it, or P0 is not positive.
+        If there is no such entry, the core does not fit it, it is a record and the seed is not 0,
+        or P0 is not positive.
     """
 
     name: str | None = None
@@ -55,6 +56,8 @@ class Recipe:
                 f"params must have the sizes and kinds of noise of {self.name}, {wanted!r}, "
                 f"not {self.params!r}"
             )
+        if self.name is not None:
+            find(self.name).check_seed(self.seed)
         if self.P0 is not None and not (self.P0 > 0.0 and np.isfinite(self.P0)):
             raise ValueError(f"P0 must be more than 0, not {self.P0!r}")
 

@@ -25,7 +25,7 @@ from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_tools.arm.register_server import RegisterServer
 
-__all__ = ["EMULATOR", "ArmOutcome", "arm_available", "run_on_arm"]
+__all__ = ["EMULATOR", "ArmOutcome", "arm_available", "require_arm", "run_on_arm"]
 
 EMULATOR = ("qemu-arm", "-cpu", "cortex-a9")
 #: Longest that a step of the scenario may take in the emulator, in seconds.
@@ -35,6 +35,19 @@ PATIENCE = 5.0
 def arm_available() -> bool:
     """Whether compiler and emulator are installed."""
     return Toolchain.CORTEX_A9.available and shutil.which(EMULATOR[0]) is not None
+
+
+def require_arm() -> None:
+    """Demand both.
+
+    Raises
+    ------
+    CompilerError
+        If one is not installed.
+    """
+    if shutil.which(EMULATOR[0]) is None:
+        raise CompilerError(f"{EMULATOR[0]} is not installed")
+    Toolchain.CORTEX_A9.require()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,8 +102,7 @@ def run_on_arm(
     CompilerError
         If compiler or emulator are not installed, or the program does not compile or fails.
     """
-    if shutil.which(EMULATOR[0]) is None:
-        raise CompilerError(f"{EMULATOR[0]} is not installed")
+    require_arm()
     binary, _ = export_scenario(scenario, steps, folder)
     write_headers(scenario.params, folder)
     program = compile_c(

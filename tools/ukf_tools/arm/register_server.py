@@ -7,6 +7,7 @@ by an emulator of that processor, has a core.
 import socket
 import struct
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -22,10 +23,15 @@ READ, WRITE, WAIT = range(3)
 REQUEST = struct.Struct("=4I")
 #: Success, data.
 ANSWER = struct.Struct("=2I")
+#: How long a program that has just ended may take to be gone, in seconds.
+_LEAVE_SECONDS = 0.5
 
 
 class RegisterServer:
     """A bus for one program at a time, in a thread, for the time of a ``with`` block.
+
+    The connection of a second program is closed at once, so that it does not wait. At the end of
+    the block that of the first one is, whether the program is done or not.
 
     Parameters
     ----------
@@ -45,7 +51,9 @@ class RegisterServer:
         self._bus = bus
         self.words = 0
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._thread = threading.Thread(target=self._serve, name="registers", daemon=True)
+        self._thread = threading.Thread(target=self._listen, name="registers", daemon=True)
+        self._connection: socket.socket | None = None
+        self._server: threading.Thread | None = None
 
     @classmethod
     def of_golden(cls, path: Path, params: UkfParams) -> "RegisterServer":
@@ -68,21 +76,32 @@ class RegisterServer:
         self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         self._thread.join()
+        if self._connection is not None and self._server is not None:
+            with suppress(OSError):  # the program has closed it
+                self._connection.shutdown(socket.SHUT_RDWR)
+            self._server.join()
         self._path.unlink()
 
-    def _serve(self) -> None:
+    def _listen(self) -> None:
         while True:
             try:
                 connection, _ = self._listener.accept()
             except OSError:
                 return
-            with connection, connection.makefile("rb") as requests:
-                while len(request := requests.read(REQUEST.size)) == REQUEST.size:
-                    operation, address, data, _ = REQUEST.unpack(request)
-                    try:
-                        connection.sendall(ANSWER.pack(*self._answer(operation, address, data)))
-                    except OSError:
-                        break
+            if self._server is not None:
+                self._server.join(_LEAVE_SECONDS)
+                if self._server.is_alive():
+                    connection.close()
+                    continue
+            self._connection = connection
+            self._server = threading.Thread(target=self._serve, args=(connection,), daemon=True)
+            self._server.start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        with connection, connection.makefile("rb") as requests, suppress(OSError):
+            while len(request := requests.read(REQUEST.size)) == REQUEST.size:
+                operation, address, data, _ = REQUEST.unpack(request)
+                connection.sendall(ANSWER.pack(*self._answer(operation, address, data)))
 
     def _answer(self, operation: int, address: int, data: int) -> tuple[int, int]:
         """Success, and data."""

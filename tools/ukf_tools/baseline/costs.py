@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from ukf_tools.baseline.counting import Counts
 from ukf_tools.baseline.executable import BaselineError, need
 
-__all__ = ["Cycles", "cost", "rewrite"]
+__all__ = ["TOOL", "Cycles", "cost", "rewrite"]
 
-_TOOL = "llvm-mca-14"
+#: The model of the processor.
+TOOL = "llvm-mca-14"
 _COMMAND = (
     "-mtriple=armv7a-linux-gnueabihf", "-mcpu=cortex-a9", "-mattr=+neon", "-instruction-tables",
     "-json",
@@ -116,10 +117,10 @@ def _block(name: str, operands: str) -> list[str]:
 
 def _analyse(lines: list[str]) -> dict[str, tuple[float, dict[int, float]]]:
     """Latency and use of units of instructions; those that are not understood are left out."""
-    need(_TOOL)
+    need(TOOL)
     while lines:
         result = subprocess.run(
-            [_TOOL, *_COMMAND, "-"], input="\n".join(lines) + "\n", capture_output=True, text=True,
+            [TOOL, *_COMMAND, "-"], input="\n".join(lines) + "\n", capture_output=True, text=True,
             check=False,
         )  # fmt: skip
         wrong = {int(n) for n in re.findall(r"^<stdin>:(\d+):\d+: error", result.stderr, re.M)}
@@ -127,16 +128,16 @@ def _analyse(lines: list[str]) -> dict[str, tuple[float, dict[int, float]]]:
             break
         lines = [line for number, line in enumerate(lines, 1) if number not in wrong]
     else:
-        raise BaselineError(f"{_TOOL} understood no instruction")
+        raise BaselineError(f"{TOOL} understood no instruction")
     if result.returncode:
-        raise BaselineError(f"{_TOOL} failed: {result.stderr.strip()[-500:]}")
+        raise BaselineError(f"{TOOL} failed: {result.stderr.strip()[-500:]}")
     (region,) = json.loads(result.stdout)["CodeRegions"]
     units: dict[int, dict[int, float]] = defaultdict(dict)
     for use in region["ResourcePressureView"]["ResourcePressureInfo"]:
         units[use["InstructionIndex"]][use["ResourceIndex"]] = use["ResourceUsage"]
     table = region["InstructionInfoView"]["InstructionList"]
     if len(table) != len(lines):
-        raise BaselineError(f"{_TOOL} must cost {len(lines)} instructions, not {len(table)}")
+        raise BaselineError(f"{TOOL} must cost {len(lines)} instructions, not {len(table)}")
     return {
         line: (entry["Latency"], units[index])
         for index, (line, entry) in enumerate(zip(lines, table, strict=True))
@@ -188,7 +189,7 @@ def cost(counts: Counts, steps: int) -> dict[str, Cycles]:
     if unknown > _UNKNOWN * executed:
         often = sorted(missing, key=lambda text: -missing[text])[:8]
         raise BaselineError(
-            f"{_TOOL} knows the cost of too few instructions: {unknown} of {executed} lack one, "
+            f"{TOOL} knows the cost of too few instructions: {unknown} of {executed} lack one, "
             f"{'; '.join(often)}"
         )
     return result

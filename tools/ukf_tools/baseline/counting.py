@@ -7,7 +7,10 @@ from pathlib import Path
 from ukf_sw.problems.scenario import Scenario
 from ukf_tools.baseline.executable import SOURCES, Executable, execute
 
-__all__ = ["SECTIONS", "Counts", "count"]
+__all__ = ["COMPILER", "DISASSEMBLER", "SECTIONS", "Counts", "count"]
+
+#: What compiles the plugin, and what tells the instructions of the program.
+COMPILER, DISASSEMBLER = "gcc", "arm-linux-gnueabihf-objdump"
 
 #: Sections of an iteration, as ``baseline.h`` numbers them from 1.
 SECTIONS = ("sig_gen", "predict", "update", "models")
@@ -20,7 +23,7 @@ _LINE = re.compile(r"\s+([0-9a-f]+):\s+(\S+)\s*(.*)$")
 
 def _disassemble(path: Path) -> dict[int, str]:
     """Instructions by address."""
-    text = execute(["arm-linux-gnueabihf-objdump", "-d", "--no-show-raw-insn", str(path)])
+    text = execute([DISASSEMBLER, "-d", "--no-show-raw-insn", str(path)])
     found: dict[int, str] = {}
     for line in text.decode().splitlines():
         match = _LINE.match(line)
@@ -55,9 +58,8 @@ def count(program: Executable, variant: str, scenario: Scenario, folder: Path) -
         If a tool is missing or fails.
     """
     plugin, output = folder / "count.so", folder / f"counts-{variant}.txt"
-    execute(
-        ["gcc", "-std=c11", "-O2", "-shared", "-fPIC", str(SOURCES / "count.c"), "-o", str(plugin)]
-    )
+    flags = ("-std=c11", "-O2", "-shared", "-fPIC")
+    execute([COMPILER, *flags, str(SOURCES / "count.c"), "-o", str(plugin)])
     program.run(variant, scenario, ("-d", "plugin", "-plugin", f"{plugin},output={output}"))
     instructions = _disassemble(program.path)
     counts: Counts = {section: defaultdict(int) for section in SECTIONS}

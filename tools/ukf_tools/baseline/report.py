@@ -9,9 +9,9 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
-from ukf_tools.baseline.costs import Cycles, cost
-from ukf_tools.baseline.counting import SECTIONS, count
-from ukf_tools.baseline.executable import ARM, VARIANTS, build
+from ukf_tools.baseline.costs import TOOL, Cycles, cost
+from ukf_tools.baseline.counting import COMPILER, DISASSEMBLER, SECTIONS, count
+from ukf_tools.baseline.executable import ARM, VARIANTS, build, need
 
 __all__ = ["PAPER", "bus_words", "markdown", "measure"]
 
@@ -103,6 +103,8 @@ def measure(steps: int = 20, sysroot: Path | None = None) -> dict[str, Any]:
     BaselineError
         If a tool is missing or fails.
     """
+    for tool in (ARM.compiler, ARM.emulator[0], COMPILER, DISASSEMBLER, TOOL):
+        need(tool)
     software: dict[str, Any] = {}
     for variant, parts in _software(steps, sysroot).items():
         own = tuple(section for section in SECTIONS if section != "models")

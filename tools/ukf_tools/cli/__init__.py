@@ -8,6 +8,7 @@ from ukf_sw import __version__
 from ukf_tools.cli.apps import apps_app
 from ukf_tools.cli.baseline import baseline
 from ukf_tools.cli.c_software import c_arm, c_loop, export
+from ukf_tools.cli.commands import Commands
 from ukf_tools.cli.cosim import cosim
 from ukf_tools.cli.disassemble import disassemble
 from ukf_tools.cli.estimates import latency, resources, timing
@@ -23,6 +24,7 @@ __all__ = ["app"]
 
 app = typer.Typer(
     name="ukf",
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_show_locals=False,

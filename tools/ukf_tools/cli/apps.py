@@ -14,8 +14,10 @@ from rich.table import Table
 
 from ukf_sw.backends import require_backend
 from ukf_sw.extras import MissingExtraError
+from ukf_tools.cli.backends import need_simulation
 from ukf_tools.cli.console import (
     JsonOption,
+    checked,
     fail,
     messages,
     needs,
@@ -25,6 +27,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.judgement import name_of
+from ukf_tools.cli.paths import folder_option
 
 # What takes long to import is imported by the commands that need it.
 if TYPE_CHECKING:
@@ -56,7 +59,7 @@ BackendOption = Annotated[
     ),
 ]
 OutputOption = Annotated[
-    Path, typer.Option("--output", help="Folder for figures and tables.")
+    Path, folder_option("--output", "Folder for figures and tables.")
 ]  # fmt: skip
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of the data.")]
 WorkersOption = Annotated[int, typer.Option("--workers", min=1, help="Processes.")]
@@ -171,16 +174,16 @@ def run_command(
     differs from the golden model.
     """
     require_backend(backend.value)
+    if backend is AppBackend.COSIM:
+        need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_tools.evaluate.evaluation import evaluate
 
-    with progress_teller() as tell:
+    with progress_teller() as tell, checked():
         try:
             made = evaluate(
                 name, backend.value, steps=steps, seed=seed, output=output, progress=tell
             )
-        except ValueError as error:
-            fail(str(error))
         except SimulatorError as error:
             fail(str(error), 1)
     if as_json:
@@ -211,8 +214,8 @@ def run_all(
     The exit code is 1 if anything is outside of its bound.
     """
     require_backend(backend.value)
-    if cosim_steps:
-        require_backend("cosim")
+    if cosim_steps or backend is AppBackend.COSIM:
+        need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
     from ukf_tools.evaluate.evaluation import evaluate_all
@@ -340,11 +343,8 @@ def swampsat(
     The exit code is 1 if an error is outside of its bound; whole flights of 5 seeds are judged.
     """
     require_backend(backend)
-    with progress_teller() as tell:
-        try:
-            made = _fly(output, backend, range(seeds), workers, tell, duration)
-        except ValueError as error:
-            fail(str(error))
+    with progress_teller() as tell, checked():
+        made = _fly(output, backend, range(seeds), workers, tell, duration)
     if as_json:
         print_json(made.as_dict())
     else:

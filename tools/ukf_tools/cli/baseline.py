@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from ukf_tools.cli.console import JsonOption, fail, print_json, progress_bars, results
+from ukf_tools.cli.paths import source_option
 
 __all__ = ["baseline"]
 
@@ -14,9 +15,11 @@ def baseline(
     steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations to count.")] = 20,
     sysroot: Annotated[
         Path | None,
-        typer.Option(
+        source_option(
             "--sysroot",
-            help="Folder of GSL for ARM, as fetch-gsl.sh beside its sources fetches it.",
+            "Folder of GSL for ARM, as fetch-gsl.sh beside its sources fetches it.",
+            "a folder that is there",
+            "FOLDER",
         ),
     ] = None,
     as_json: JsonOption = False,

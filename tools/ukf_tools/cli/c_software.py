@@ -31,6 +31,7 @@ from ukf_tools.cli.options import (
     SeedOption,
     with_core,
 )
+from ukf_tools.cli.paths import folder_option
 
 if TYPE_CHECKING:
     from ukf_sw.problems.scenario import Scenario
@@ -64,7 +65,7 @@ def export(
     steps: StepsOption = 1000,
     seed: SeedOption = 0,
     p0: P0Option = None,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/scenario"
     ),
     as_json: JsonOption = False,
@@ -72,8 +73,6 @@ def export(
     """Write parameters and sensor data for C programs: a binary file and a C header."""
     from ukf_sw.problems.scenario_files import export_scenario
 
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
     with checked():
         recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
         try:
@@ -109,7 +108,7 @@ def c_loop(
     The exit code is 1 if a bit differs. For a plot, the covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
-    from ukf_sim.c_in_the_loop.loop import run_c_in_the_loop
+    from ukf_sim.c_in_the_loop.loop import require_tools, run_c_in_the_loop
     from ukf_sim.cosimulation import cosimulate
     from ukf_sim.simulators import SimulatorError
 
@@ -117,9 +116,13 @@ def c_loop(
         recipe = _nanosatellite(core, seed, p0)
     if beside_cocotb:
         require("sim")
+    try:
+        require_tools()
+    except (CompilerError, SimulatorError) as error:
+        fail(str(error), 1)
     with checked():
         scenario = recipe.scenario(max(steps, beside_cocotb))
-    with progress_bars(counted=False) as bars:
+    with progress_bars(counted=False) as bars, checked():
         bar = bars.add_task("Starting", total=None)
         try:
             outcome = run_c_in_the_loop(
@@ -135,8 +138,6 @@ def c_loop(
                     recipe.scenario, beside_cocotb, pipeline=core.pipeline, interrupt=interrupt,
                     word_clocks=bus_latency,
                 )  # fmt: skip
-        except ValueError as error:
-            fail(str(error))
         except (CompilerError, SimulatorError) as error:
             fail(str(error), 1)
     record = {
@@ -170,7 +171,7 @@ def c_arm(
     seed: SeedOption = 0,
     p0: P0Option = None,
     output: Annotated[
-        Path, typer.Option("--output", help="Folder for the program and its samples.")
+        Path, folder_option("--output", "Folder for the program and its samples.")
     ] = Path("build/arm"),
     as_json: JsonOption = False,
 ) -> None:
@@ -179,16 +180,18 @@ def c_arm(
     The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
-    from ukf_tools.arm.emulator import run_on_arm
+    from ukf_tools.arm.emulator import require_arm, run_on_arm
 
     with checked():
         recipe = _nanosatellite(core, seed, p0)
-    with progress_bars(counted=False) as bars:
+    try:
+        require_arm()
+    except CompilerError as error:
+        fail(str(error), 1)
+    with progress_bars(counted=False) as bars, checked():
         bars.add_task("Running", total=None)
         try:
             outcome = run_on_arm(recipe.scenario(steps), steps, output)
-        except ValueError as error:
-            fail(str(error))
         except (CompilerError, OSError) as error:
             fail(str(error), 1)
     record = {

@@ -25,6 +25,7 @@ from rich.progress import (
 from rich.progress import TimeElapsedColumn as Elapsed
 
 from ukf_sw.extras import MissingExtraError, require
+from ukf_tools.cli.names import in_options
 
 __all__ = [
     "JsonOption",
@@ -35,6 +36,7 @@ __all__ = [
     "messages",
     "needs",
     "number",
+    "print_error",
     "print_files",
     "print_json",
     "progress_bars",
@@ -51,9 +53,14 @@ messages = Console(stderr=True, emoji=False)
 results = Console(emoji=False)
 
 
-def fail(message: str, code: int = 2) -> NoReturn:
-    """Print a message and exit."""
+def print_error(message: str) -> None:
+    """Print what is wrong."""
     messages.print(f"[bold red]Error:[/] {escape(message)}", highlight=False, soft_wrap=True)
+
+
+def fail(message: str, code: int = 2) -> NoReturn:
+    """Print a message, in which a value is called as its option, and exit."""
+    print_error(in_options(message))
     raise typer.Exit(code)
 
 

@@ -1,6 +1,5 @@
 """Command ``ukf cosim``."""
 
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +8,7 @@ import typer
 from rich.table import Table
 
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.folders import check_file
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -30,6 +30,7 @@ from ukf_tools.cli.options import (
     SeedOption,
     with_core,
 )
+from ukf_tools.cli.paths import IMAGES, file_option, folder_option
 
 # What takes long to import is imported by the command itself.
 if TYPE_CHECKING:
@@ -59,16 +60,16 @@ def cosim(
     bus_latency: BusLatencyOption = 0.0,
     cache: Annotated[
         Path,
-        typer.Option("--cache", help="Folder of compiled cores.", rich_help_panel=COSIM),
+        folder_option("--cache", "Folder of compiled cores.", rich_help_panel=COSIM),
     ] = Path("build/cosim"),
     waves: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
             "--waves",
-            rich_help_panel=COSIM,
-            help="Waveform to write, with lists of signals for GTKWave and Surfer: "
+            "Waveform to write, with lists of signals for GTKWave and Surfer: "
             + ", ".join(f"{each.tool.waves.suffix} for {each.value}" for each in Simulator)
             + ". Compiles and simulates slower.",
+            rich_help_panel=COSIM,
         ),
     ] = None,
     as_json: JsonOption = False,
@@ -99,9 +100,9 @@ def cosim(
         "simulate": "Simulating",
     }
     with checked():
-        if not math.isfinite(bus_latency):
-            raise ValueError(f"--bus-latency must be a number of clocks, not {bus_latency!r}")
         recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
+        image = plot or Path("build/plots") / f"cosim-{core.stem}.png"
+        check_file("--plot", image, IMAGES)
     with progress_teller() as tell, checked():
         try:
             found = cosimulate(
@@ -115,11 +116,11 @@ def cosim(
             fail(str(error), 1)
     reference = run(found.run.scenario, steps=steps, ends_at=(StepError,))
     judged = judge(found.run, reference)
-    image = None
     if found.run.steps:
-        image = plot or cache.parent / "plots" / f"cosim-{core.stem}.png"
         drawn = {"core, simulated": found.run, "float64 reference": reference}
         plot_errors(image, drawn, core.title)
+    else:
+        image = None
     record = _record(core, recipe.seed, p0, simulator.value, found, judged)
     record["plot"] = None if image is None else str(image)
     record["waves"] = None

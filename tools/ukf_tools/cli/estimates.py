@@ -18,11 +18,12 @@ from ukf_tools.cli.console import (
 )
 from ukf_tools.cli.lists import numbers
 from ukf_tools.cli.options import with_core
+from ukf_tools.cli.paths import folder_option
 
 __all__ = ["latency", "resources", "timing"]
 
 CacheOption = Annotated[
-    Path, typer.Option("--cache", help="Folder of results, shared with `ukf sweep`.")
+    Path, folder_option("--cache", "Folder of results, shared with `ukf sweep`.")
 ]
 _CACHE = Path("build/design-space")
 

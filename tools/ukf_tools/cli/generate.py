@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from ukf_hdl.instance import Instance
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
@@ -25,6 +23,7 @@ from ukf_tools.cli.instance import (
     read_address,
 )
 from ukf_tools.cli.options import with_core
+from ukf_tools.cli.paths import folder_option
 
 __all__ = ["generate"]
 
@@ -33,9 +32,7 @@ __all__ = ["generate"]
 @with_core
 def generate(
     core: Core,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
-        "build/rtl"
-    ),
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path("build/rtl"),
     name: NameOption = USUAL.name,
     base_address: BaseAddressOption = BASE_ADDRESS,
     interrupt: CoreInterruptOption = USUAL.interrupt,
@@ -46,8 +43,6 @@ def generate(
 
     Equal inputs give equal bytes.
     """
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
     with checked():
         instance = Instance(
             name=name,

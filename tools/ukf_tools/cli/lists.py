@@ -4,6 +4,7 @@ from collections.abc import Collection
 from typing import Any
 
 from ukf_sw.spec.fields import Parameter
+from ukf_tools.cli.names import in_options
 
 __all__ = ["entries", "numbers", "read_entry", "split"]
 
@@ -35,9 +36,9 @@ def numbers(option: str, text: str) -> list[int]:
         first, dash, last = entry.partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()):
             raise ValueError(f"{option} must be a list like 1,2,4-6, not {text!r}")
+        if dash and int(last) < int(first):
+            raise ValueError(f"{option} must have ranges that rise, like 4-6, not {entry!r}")
         found += range(int(first), int(last if dash else first) + 1)
-    if not found:
-        raise ValueError(f"{option} must have at least one number, not {text!r}")
     return found
 
 
@@ -53,7 +54,9 @@ def read_entry(option: str, text: str, parameter: Parameter) -> Any:
         value = parameter.read(text)
         parameter.check(value)
     except ValueError as error:
-        raise ValueError(f"{option}: {error}") from None
+        message = in_options(str(error))
+        own = message.startswith(f"{option} ")
+        raise ValueError(message if own else f"{option}: {message}") from None
     return value
 
 

@@ -38,7 +38,7 @@ def new(
     observation_noise: Annotated[
         Noise,
         typer.Option("--observation-noise", help="How it enters the model.", rich_help_panel=SIZES),
-    ] = Noise.ADDITIVE,
+    ] = Noise.AUGMENTED,
     pes: Annotated[
         int, typer.Option("--pes", help="Processing elements.", rich_help_panel=SIZES)
     ] = 1,

@@ -16,6 +16,8 @@ from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.parameters import Pipeline
 from ukf_tools.cli.console import checked
 from ukf_tools.cli.lists import entries, read_entry, split
+from ukf_tools.cli.names import option_of
+from ukf_tools.cli.paths import IMAGES, file_option
 from ukf_tools.design_space.points import Point, grid
 
 __all__ = [
@@ -58,24 +60,23 @@ BusLatencyOption = Annotated[
     typer.Option(
         "--bus-latency",
         min=0.0,
+        max=1e6,
         rich_help_panel=COSIM,
         help="Clocks that a bus word takes at least, on average; 0: as few as the "
         "core needs; 15.6: the bus of the 2018 paper.",
     ),
 ]
 PlotOption = Annotated[
-    Path | None, typer.Option("--plot", help="Image of the errors.", rich_help_panel=DATA)
+    Path | None,
+    file_option(
+        "--plot", f"Image of the errors: {', '.join(IMAGES)}.", IMAGES, rich_help_panel=DATA
+    ),
 ]
-
-
-def _option(label: str) -> str:
-    """Option of a parameter of the core."""
-    return f"--{label.replace('_', '-').lower()}"
 
 
 def _switch(label: str) -> str:
     """Options of a parameter that is a bool."""
-    return f"{_option(label)}/--no-{_option(label)[2:]}"
+    return f"{option_of(label)}/--no-{option_of(label)[2:]}"
 
 
 def _core_options(*, lists: bool) -> list[inspect.Parameter]:
@@ -100,7 +101,7 @@ def _core_options(*, lists: bool) -> list[inspect.Parameter]:
         if entry.kind is FloatFormat:
             text += ", or widths as float6.17"
         option = typer.Option(
-            _switch(label) if entry.kind is bool and not lists else _option(label),
+            _switch(label) if entry.kind is bool and not lists else option_of(label),
             help=f"{text}." if text else entry.meaning.doc,
             metavar="LIST" if lists else None,
             rich_help_panel=BUILD if label in built else CORE,
@@ -119,7 +120,7 @@ def _core_options(*, lists: bool) -> list[inspect.Parameter]:
 
 def _required() -> str:
     """Options of what has no default."""
-    return " and ".join(_option(label) for label, e in PARAMETERS.items() if e.default is None)
+    return " and ".join(option_of(label) for label, e in PARAMETERS.items() if e.default is None)
 
 
 def _check_given(configuration: str | None, given: Collection[str]) -> None:
@@ -146,7 +147,7 @@ def _core(configuration: str | None, given: Mapping[str, Any]) -> Core:
     """
     _check_given(configuration, given)
     values = {
-        label: read_entry(_option(label), value, PARAMETERS[label])
+        label: read_entry(option_of(label), value, PARAMETERS[label])
         if isinstance(value, str)
         else value
         for label, value in given.items()
@@ -168,7 +169,7 @@ def _points(configurations: str | None, given: Mapping[str, str]) -> list[Point]
     for label, text in given.items():
         # A size may follow one before it, as in --q n.
         before = [name for name in axes if PARAMETERS[name].kind is PARAMETERS[label].kind]
-        axes[label] = entries(_option(label), text, PARAMETERS[label], before)
+        axes[label] = entries(option_of(label), text, PARAMETERS[label], before)
     bases = [Point()]
     if configurations is not None:
         bases = [Point.of(_configured(name)) for name in split("--config", configurations)]

@@ -29,13 +29,9 @@ from ukf_tools.cli.instance import (
     read_address,
 )
 from ukf_tools.cli.options import SeedOption, with_core
+from ukf_tools.cli.paths import folder_option
 
 __all__ = ["package", "write_testbench"]
-
-
-def _folder(output: Path) -> None:
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
 
 
 @needs("hdl")
@@ -53,7 +49,7 @@ def package(
             "system are then yours to set.",
         ),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/package"
     ),
     check: Annotated[
@@ -77,7 +73,6 @@ def package(
             interrupt=interrupt,
             clock_mhz=clock_mhz,
         )
-    _folder(output)
     if check:
         try:
             import_module("tkinter")
@@ -117,7 +112,7 @@ def package(
 @with_core
 def write_testbench(
     core: Core,
-    output: Annotated[Path, typer.Option("--output", help="Folder to write to.")] = Path(
+    output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/testbench"
     ),
     steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations of the filter.")] = 3,
@@ -129,7 +124,6 @@ def write_testbench(
 
     For simulators that know nothing of Python. It prints PASS or FAIL.
     """
-    _folder(output)
     from ukf_sim.testbench import write
     from ukf_sw.problems.recipe import Recipe
 

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ukf_sw.backends import make_backend, require_backend
+from ukf_sw.backends import make_backend
+from ukf_sw.folders import check_file
 from ukf_sw.spec.core import Core
+from ukf_tools.cli.backends import need_backend
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -21,6 +23,7 @@ from ukf_tools.cli.console import (
 )
 from ukf_tools.cli.judgement import print_judgement, print_stop
 from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
+from ukf_tools.cli.paths import IMAGES
 
 # What takes long to import is imported by the command itself.
 if TYPE_CHECKING:
@@ -70,19 +73,27 @@ def run(
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
-    require_backend(backend)
+    need_backend(backend, core)
     from ukf_sw.errors import StepError, UkfError
+    from ukf_sw.problems.catalogue import find
     from ukf_sw.problems.judging import judge
     from ukf_sw.problems.recipe import Recipe
     from ukf_sw.problems.running import run as run_filter
     from ukf_tools.evaluate.plots import plot_errors
 
     seeds = range(seed, seed + runs)
+    with checked():
+        if core.configuration is not None:
+            find(core.configuration).check_seed(seed, runs)
+        recipes = [
+            Recipe(name=core.configuration, params=core.params, seed=each, P0=p0) for each in seeds
+        ]
+        image = plot or Path("build/plots") / f"run-{backend.replace(':', '-')}-{core.stem}.png"
+        check_file("--plot", image, IMAGES)
     found: dict[str, list[Run]] = {name: [] for name in dict.fromkeys((backend, "reference"))}
     with progress_teller() as tell:
-        for number_of, each in enumerate(seeds, start=1):
+        for number_of, recipe in enumerate(recipes, start=1):
             with checked():
-                recipe = Recipe(name=core.configuration, params=core.params, seed=each, P0=p0)
                 scenario = recipe.scenario(steps)
             for name, made in found.items():
                 what = f"Running the {name}" + f", {number_of} of {runs}" * (runs > 1)
@@ -101,13 +112,13 @@ def run(
     others = None if backend == "reference" else found["reference"]
     judged = judge(own, others)
     each_judged = [judge(*pair) for pair in zip(own, others or [None] * runs, strict=True)]
-    image = None
     if own[0].steps:
         drawn = {backend: own[0]}
         if others is not None:
             drawn["float64 reference"] = others[0]
-        image = plot or Path("build/plots") / f"run-{backend.replace(':', '-')}-{core.stem}.png"
         plot_errors(image, drawn, core.title)
+    else:
+        image = None
     if as_json:
         print_json({
             "configuration": core.configuration,

@@ -21,6 +21,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.options import DATA, with_points
+from ukf_tools.cli.paths import file_option, folder_option, source_option
 from ukf_tools.design_space.points import Point
 
 if TYPE_CHECKING:
@@ -69,11 +70,12 @@ def sweep(
             help="Dask scheduler to compute with, as tcp://host:8786.", rich_help_panel=RUN
         ),
     ] = None,
-    cache: Annotated[Path, typer.Option(help="Folder of results.", rich_help_panel=RUN)] = Path(
-        "build/design-space"
-    ),
+    cache: Annotated[
+        Path, folder_option("--cache", "Folder of results.", rich_help_panel=RUN)
+    ] = Path("build/design-space"),
     output: Annotated[
-        Path, typer.Option(help="Folder for sweep.parquet and sweep.csv.", rich_help_panel=RUN)
+        Path,
+        folder_option("--output", "Folder for sweep.parquet and sweep.csv.", rich_help_panel=RUN),
     ] = Path("build/sweep"),
     as_json: JsonOption = False,
 ) -> None:
@@ -92,8 +94,6 @@ def sweep(
     from ukf_tools.estimate.series7 import YosysError
 
     require(*["synth"] * resources, *["cluster"] * (scheduler is not None))
-    if output.exists() and not output.is_dir():
-        fail(f"--output must be a folder, not the file {str(output)!r}")
     with checked():
         questions = Questions(
             resources=resources,
@@ -201,12 +201,12 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
 
 @needs("sweep")
 def report(
-    sweep_file: Annotated[Path, typer.Option("--sweep", help="Parquet file of a sweep.")] = Path(
-        "build/sweep/sweep.parquet"
-    ),
-    output: Annotated[Path, typer.Option(help="Page to write.")] = Path("build/report.html"),
+    sweep_file: Annotated[
+        Path, source_option("--sweep", "Parquet file of a sweep.", "a file of `ukf sweep`", "FILE")
+    ] = Path("build/sweep/sweep.parquet"),
+    output: Annotated[Path, file_option("--output", "Page to write.")] = Path("build/report.html"),
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for the charts as PNG; none by default.")
+        Path | None, folder_option("--figures", "Folder for the charts as PNG; none by default.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -226,8 +226,6 @@ def report(
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_text(page, encoding="utf-8")
         files = [output, *(save(charts, figures) if figures is not None else [])]
-    except FileNotFoundError:
-        fail(f"--sweep must be a file of `ukf sweep`, not {str(sweep_file)!r}")
     except (TableError, OSError) as error:
         fail(str(error), 1)
     if as_json:

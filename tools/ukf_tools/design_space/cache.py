@@ -2,10 +2,10 @@
 
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
+
+from ukf_sw.folders import replacing
 
 __all__ = ["CACHE", "Cache", "key_of"]
 
@@ -22,6 +22,7 @@ def key_of(identity: Any) -> str:
 class Cache:
     """Results on disk. A result is written whole or not at all, and never changes.
 
+    With each result its digest is kept, so what a bad disk or an editor has changed is no result.
     Processes may share a folder.
 
     Parameters
@@ -37,12 +38,13 @@ class Cache:
         return self.folder / kind / f"{key}.json"
 
     def get(self, kind: str, key: str) -> dict[str, Any] | None:
-        """Give a result of some kind, or None if there is none that can be read."""
+        """Give a result of some kind, or None if there is none that is whole."""
         try:
-            record = json.loads(self._file(kind, key).read_text(encoding="utf-8"))
-            return record["result"]
-        except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError):
+            record = json.loads(self._file(kind, key).read_bytes())
+            result, digest = record["result"], record["digest"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
+        return result if digest == key_of([kind, key, result]) else None
 
     def put(self, kind: str, key: str, result: dict[str, Any], identity: Any = None) -> None:
         """Keep a result of some kind.
@@ -58,23 +60,15 @@ class Cache:
         """
         file = self._file(kind, key)
         file.parent.mkdir(parents=True, exist_ok=True)
-        record = json.dumps({"identity": identity, "result": result}, indent=1)
-        # Whoever is interrupted leaves a file of another name behind at worst.
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=".", suffix=".part")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(record)
-                stream.flush()
-                os.fsync(stream.fileno())
-            Path(name).replace(file)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        digest = key_of([kind, key, result])
+        record = {"identity": identity, "digest": digest, "result": result}
+        with replacing(file) as part:
+            part.write_text(json.dumps(record, indent=1), encoding="utf-8")
 
     def keys(self, kind: str) -> frozenset[str]:
-        """Keys of all results of some kind."""
+        """Keys of all results of some kind that are whole."""
         return frozenset(
             file.stem
             for file in (self.folder / kind).glob("*.json")
-            if not file.name.startswith(".")
+            if self.get(kind, file.stem) is not None
         )

@@ -1,9 +1,12 @@
 """Where parts are computed: processes of this computer, or a Dask cluster."""
 
-import os
+import asyncio
+import logging
 import signal
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, Protocol
@@ -11,11 +14,14 @@ from typing import Any, Protocol
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.extras import importing
 from ukf_tools.design_space.parts import Part
+from ukf_tools.evaluate.workers import processors
 
 __all__ = ["ClusterExecutor", "Executor", "ExecutorError", "FailedPart", "LocalExecutor", "perform"]
 
 #: How long to wait for a scheduler, in s.
 _CONNECT_SECONDS = 10.0
+#: How long a cluster may have no worker before what is left is given up, and between looks, in s.
+_WORKER_SECONDS, _POLL_SECONDS = 30.0, 0.2
 
 
 class ExecutorError(RuntimeError):
@@ -127,7 +133,7 @@ class LocalExecutor:
             import pebble
         self._pool = pebble.ProcessPool
         self._expired = pebble.ProcessExpired
-        self.workers = workers or len(os.sched_getaffinity(0))
+        self.workers = workers or processors()
 
     def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; see :class:`Executor`."""
@@ -157,7 +163,9 @@ class LocalExecutor:
 class ClusterExecutor:
     """A Dask cluster, whose workers have this project and its tools installed.
 
-    A part whose worker is lost is computed by another one.
+    A part whose worker is lost is computed by another one. Parts that cannot be computed because
+    they kill every worker that tries, or because no worker or no scheduler is left, are failed
+    parts, as they are here.
 
     Parameters
     ----------
@@ -176,6 +184,9 @@ class ClusterExecutor:
         with importing("cluster"):
             import distributed
         self._distributed = distributed
+        self._address = address
+        # What it would log is in the messages of the parts.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = distributed.Client(
                 address, timeout=_CONNECT_SECONDS, set_as_default=False
@@ -185,7 +196,7 @@ class ClusterExecutor:
 
     def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; see :class:`Executor`."""
-        futures = {}
+        futures: dict[Any, Part] = {}
         for part in parts:
             key = part.key
             # Whole numbers, the longest first.
@@ -194,18 +205,47 @@ class ClusterExecutor:
                 priority=round(1000 * part.cost), pure=False,
             )  # fmt: skip
             futures[future] = part
+        worked = time.monotonic()
         try:
-            for future in self._distributed.as_completed(list(futures), loop=self._client.loop):
-                error = future.exception()
-                outcome = future.result() if error is None else _failure(error)
-                part = futures.pop(future)
-                # What is not released is kept in the memory of the workers.
-                future.release()
-                yield part, outcome
+            while futures:
+                for future in [future for future in futures if future.done()]:
+                    outcome = self._outcome(future)
+                    if outcome is not None:
+                        # What is not released is kept in the memory of the workers.
+                        future.release()
+                        yield futures.pop(future), outcome
+                if self._has_workers():
+                    worked = time.monotonic()
+                elif time.monotonic() > worked + _WORKER_SECONDS:
+                    lost = FailedPart(message="no worker is left: this part or another killed them")
+                    for future in list(futures):
+                        yield futures.pop(future), lost
+                time.sleep(_POLL_SECONDS)
         finally:
-            if futures:
+            with suppress(Exception):  # there may be nobody left to tell
                 self._client.cancel(list(futures))
+
+    def _outcome(self, future: Any) -> dict[str, Any] | FailedPart | None:
+        """Give what came of a future that has ended, or None if that was lost again."""
+        try:
+            return future.result(timeout=_CONNECT_SECONDS)
+        except self._distributed.KilledWorker:
+            return FailedPart(message="each worker that computed it died")
+        except TimeoutError:
+            return None  # with its worker; another one computes it
+        except (Exception, asyncio.CancelledError) as error:
+            if future.status == "cancelled":
+                return FailedPart(message=f"the scheduler at {self._address!r} has gone")
+            return _failure(error)
+
+    def _has_workers(self) -> bool:
+        """Whether anybody computes; without a scheduler, futures say so themselves."""
+        try:
+            return bool(self._client.scheduler_info()["workers"])
+        except Exception:
+            return False
 
     def close(self) -> None:
         """Leave the cluster, which goes on."""
-        self._client.close()
+        with suppress(Exception):
+            self._client.close(timeout=_CONNECT_SECONDS)

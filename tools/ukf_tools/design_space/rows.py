@@ -87,9 +87,9 @@ class Conditions:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.clock_mhz < float("inf"):
-            raise ValueError(f"clock must be more than 0 MHz, not {self.clock_mhz!r}")
+            raise ValueError(f"clock_mhz must be more than 0, not {self.clock_mhz!r}")
         if not 0.0 <= self.word_clocks < float("inf"):
-            raise ValueError(f"bus latency must be at least 0 clocks, not {self.word_clocks!r}")
+            raise ValueError(f"word_clocks must be at least 0, not {self.word_clocks!r}")
 
 
 def figures(

@@ -45,7 +45,7 @@ class Questions:
     Raises
     ------
     ValueError
-        If there is no such entry, or no step.
+        If there is no such entry, it has no such seed, or there is no step.
     """
 
     resources: bool = True
@@ -56,7 +56,7 @@ class Questions:
 
     def __post_init__(self) -> None:
         if self.application is not None:
-            find_entry(self.application, "application")
+            find_entry(self.application, "application").check_seed(self.seed)
         if self.steps < 1:
             raise ValueError(f"steps must be at least 1, not {self.steps!r}")
 

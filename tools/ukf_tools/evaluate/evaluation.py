@@ -168,6 +168,7 @@ def evaluate(
             cache=cache, progress=progress,
         )  # fmt: skip
     entry = find(name, "NAME")
+    entry.check_seed(seed)
     started = time.perf_counter()
     found: dict[str, list[Run]] = {kind: [] for kind in ("reference", backend)}
     stopped = None
@@ -297,6 +298,7 @@ def _evaluate_both(
     name: str, *, backend: str, cosim_steps: int, seed: int, output: Path, cache: Path
 ) -> list[Evaluation]:
     """Run an entry, and co-simulate some of its steps."""
+    seed = 0 if find(name).recorded else seed
     made = [evaluate(name, backend, seed=seed, output=output, cache=cache)]
     if cosim_steps and made[0].stopped is None:
         made.append(evaluate_in_simulator(name, steps=cosim_steps, seed=seed, cache=cache))
@@ -322,7 +324,7 @@ def evaluate_all(
     cosim_steps
         How many steps of each to co-simulate as well; 0 is none.
     seed
-        Seed of the first runs.
+        Seed of the first runs; records have none.
     output
         Folder of the figures.
     cache

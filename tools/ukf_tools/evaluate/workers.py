@@ -1,12 +1,19 @@
 """Work spread over processes."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
-__all__ = ["check_workers", "mapper"]
+__all__ = ["check_workers", "mapper", "processors"]
+
+
+def processors() -> int:
+    """Number of processors that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)  # Linux has it
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 def check_workers(workers: int) -> int:

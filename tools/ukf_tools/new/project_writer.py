@@ -1,12 +1,14 @@
 """Projects of one's own: a small one that works, to start from."""
 
 import keyword
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ukf_sw.folders import check_folder
 from ukf_sw.spec.parameters import Noise, UkfParams
 
 __all__ = ["TEMPLATES", "check_name", "write_project"]
@@ -24,6 +26,9 @@ TEMPLATES = {
     "tests/test_NAME.py": "tests/test_package.py.jinja",
 }
 
+#: Names that pytest, Make, Python and the project itself give a meaning.
+RESERVED = ("build", "conftest", "makefile", "sitecustomize", "tests", "usercustomize")
+
 
 def check_name(name: str) -> None:
     """Check the name of a project, which becomes that of a Python package.
@@ -31,19 +36,24 @@ def check_name(name: str) -> None:
     Raises
     ------
     ValueError
-        If it cannot be one, or would hide another.
+        If it cannot be one, would hide another, or has a meaning of its own.
     """
-    if not (name.isascii() and name.isidentifier() and name == name.lower()):
+    if not re.fullmatch("[a-z][a-z0-9_]*", name):
         raise ValueError(
             "The name must be lower-case letters, digits and underscores, first a letter, "
             f"not {name!r}"
         )
     if keyword.iskeyword(name):
         raise ValueError(f"The name must not be a word of Python's, not {name!r}")
+    if name in RESERVED:
+        raise ValueError(
+            f"The name must not be one that means something to a tool, {', '.join(RESERVED)}, "
+            f"not {name!r}"
+        )
     found = find_spec(name)
     # Without an origin it is a mere folder, such as the empty one that is to be filled.
     taken = found is not None and found.origin is not None
-    if name == "tests" or name in sys.stdlib_module_names or taken:
+    if name in sys.stdlib_module_names or taken:
         raise ValueError(f"The name must not be that of another Python package, not {name!r}")
 
 
@@ -68,7 +78,8 @@ def write_project(folder: Path, params: UkfParams) -> list[Path]:
     Raises
     ------
     ValueError
-        If the name cannot be one, or there are fewer noise terms than observations.
+        If the name cannot be one, there are fewer noise terms than observations, or the folder
+        cannot be written.
     FileExistsError
         If the folder has files, or is a file.
     """
@@ -81,6 +92,7 @@ def write_project(folder: Path, params: UkfParams) -> list[Path]:
         kind = "file" if folder.is_file() else "folder with files"
         raise FileExistsError(f"DIR must be a new or an empty folder, not the {kind} {folder}")
     check_name(name)
+    check_folder("DIR", folder)
     environment = Environment(
         loader=PackageLoader("ukf_tools.new"),
         autoescape=False,  # nothing here is HTML
