@@ -189,6 +189,18 @@ def test_charts_have_the_figures(rows):
     assert sum("stopped" in value for value in accuracy) == 3
 
 
+def test_latency_has_one_scale(rows):
+    """Bars of ours and of the paper's can be compared; none is higher than the scale."""
+    charts = [chart for chart in draw(rows) if chart.section == "Latency"]
+    (low, high), *others = (c.spec["encoding"]["y"]["scale"]["domain"] for c in charts)
+    assert others == [[low, high]] * 2
+    bars = {}
+    for number, chart in enumerate(charts):
+        for value in values_of(chart.spec):
+            bars[number, value["core"]] = bars.get((number, value["core"]), 0.0) + value["time"]
+    assert (low, high) == (0.0, max(bars.values())) == (0.0, paper_2018.LATENCY[1].core)
+
+
 def test_series_of_one_core_share_a_chart():
     made = [
         row(Point.of(Core(params=UkfParams(n=n, m=1))), cycles=100 * n, lut=100) for n in (2, 4)
