@@ -5,12 +5,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-__all__ = ["Box", "Drawing", "Point"]
+__all__ = ["DIM", "PAPER", "Box", "Drawing", "Point"]
 
 Point = tuple[float, float]
 
 #: Colours. The paper is white in dark pages as well.
 PAPER, LINE, INK, DIM = "#ffffff", "#5b6b7c", "#1b1f24", "#5b6b7c"
+FONTS = "system-ui, Roboto, Helvetica, Arial, sans-serif"
+#: Head of an arrow.
+HEAD = (
+    '<marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" '
+    'markerUnits="userSpaceOnUse" orient="auto-start-reverse">'
+    f'<path d="M0,0 L8,4 L0,8 z" fill="{LINE}"/></marker>'
+)
 #: Height of a line of text as a part of its size.
 LEADING = 1.3
 
@@ -128,19 +135,16 @@ class Drawing:
         if at is None:
             (x, y), (to_x, to_y) = points[:2]
             at = (x + to_x) / 2, (y + to_y) / 2 - 9 - 14 * (len(label) - 1)
-        self.text(*at, *label, size=11, fill=DIM, anchor=anchor)
+        self.text(*at, *label, fill=DIM, anchor=anchor)
 
     def svg(self) -> str:
         """Give the drawing as text."""
         width, height = self._size
+        frame = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
         lines = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
-            f'viewBox="0 0 {width} {height}" role="img" '
-            'font-family="system-ui, Roboto, Helvetica, Arial, sans-serif">',
+            f'<svg xmlns="http://www.w3.org/2000/svg" {frame} role="img" font-family="{FONTS}">',
             f"<title>{escape(self._title)}</title>",
-            '<marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" '
-            'markerHeight="8" markerUnits="userSpaceOnUse" orient="auto-start-reverse">'
-            f'<path d="M0,0 L8,4 L0,8 z" fill="{LINE}"/></marker>',
+            HEAD,
             f'<rect width="{width}" height="{height}" rx="6" fill="{PAPER}"/>',
             *self._elements,
             "</svg>",

@@ -28,6 +28,10 @@ ACCENTS = {"bar": "¯", "hat": "^"}
 #: Blocks of rows and columns: their fences, and how their columns stand.
 BLOCKS = {"aligned": ("", "", ("right", "left")), "bmatrix": ("[", "]", ("center",))}
 
+PRIME = '<mo lspace="0" rspace="0">′</mo>'
+#: Spaces at the ends of a text are dropped, but not these.
+NO_BREAK = "\N{NO-BREAK SPACE}"
+
 #: A command, with the words in braces of those that take some; a letter, a number, a sign.
 TOKEN = re.compile(
     r"\\(?P<worded>text|begin|end)\{(?P<words>[^{}]*)\}"
@@ -84,7 +88,7 @@ class _Setter:
         base, below, above = self._piece(), "", ""
         while self._token is not None and self._token[0] in "_^'":
             mark = self._take()[0]
-            script = "<mo>′</mo>" if mark == "'" else self._piece()
+            script = PRIME if mark == "'" else self._piece()
             if below if mark == "_" else above:
                 raise ValueError(f"equation must have one script {mark}, not {self._source!r}")
             if mark == "_":
@@ -139,7 +143,7 @@ class _Setter:
     def _worded(self, name: str, words: str) -> str:
         """Set text, or a block of rows and columns."""
         if name == "text":
-            return f"<mtext>{escape(words)}</mtext>"
+            return f"<mtext>{escape(words).replace(' ', NO_BREAK)}</mtext>"
         if name != "begin" or words not in BLOCKS:
             raise ValueError(f"equation must have known blocks, not {name} of {words!r}")
         opening, closing, columns = BLOCKS[words]
@@ -162,4 +166,4 @@ class _Setter:
             )
             table += f"<mtr>{''.join(cells)}</mtr>"
         before, after = (f"<mo>{sign}</mo>" if sign else "" for sign in (opening, closing))
-        return f"<mrow>{before}<mtable>{table}</mtable>{after}</mrow>"
+        return f'<mrow>{before}<mtable displaystyle="true">{table}</mtable>{after}</mrow>'
