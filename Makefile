@@ -99,7 +99,7 @@ numerics: $(STAMP) ## Measure formats, forms and W0 on the applications, and not
 iteration: $(STAMP) ## Co-simulate iterations with the 2018 paper's bus, and note the traffic
 	$(BIN)/python -m ukf_docs measure iteration
 
-refresh: $(STAMP) ## Make the generated tables of the documents and the printed results again
+refresh: $(STAMP) ## Make the generated tables, diagrams and printed results of the documents again
 	$(BIN)/python -m ukf_docs refresh
 	$(BIN)/python -m ukf_docs pages
 

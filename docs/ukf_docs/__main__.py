@@ -25,9 +25,11 @@ app = typer.Typer(
 
 @app.command("refresh")
 def refresh() -> None:
-    """Make all tables again that derive from the code or from noted measurements."""
+    """Make all tables and diagrams again that derive from the code or from noted measurements."""
+    from ukf_docs.diagrams import FOLDER, draw
     from ukf_docs.documents import DOCUMENTS
 
+    print_files(draw(FOLDER))
     for document in DOCUMENTS:
         _update(document)
 

@@ -8,6 +8,7 @@ from ukf_docs import DOCS, README, ROOT, sections
 from ukf_docs import __main__ as commands
 from ukf_docs.applications import DOCUMENT as APPLICATIONS
 from ukf_docs.applications import SECTIONS as OF_APPLICATIONS
+from ukf_docs.diagrams import DIAGRAMS
 from ukf_docs.documents import DOCUMENTS, make_sections
 from ukf_docs.markdown import table
 
@@ -56,7 +57,11 @@ def test_refresh_writes_what_changed(tmp_path, documents, monkeypatch):
     current.write_text(TEXT.replace("old", "new"))
     made = {stale: {"x": lambda: "new"}, current: {"x": lambda: "new"}}
     monkeypatch.setattr("ukf_docs.documents.DOCUMENTS", made)
-    assert documents("refresh").stdout.startswith(f"{stale}  ")
+    monkeypatch.setattr("ukf_docs.diagrams.FOLDER", tmp_path / "diagrams")
+    *diagrams, document = documents("refresh").stdout.splitlines()
+    assert document.startswith(f"{stale}  ")
+    assert len(diagrams) == len(DIAGRAMS)
+    assert documents("refresh").stdout == ""
     assert stale.read_text() == current.read_text() == TEXT.replace("old", "new")
 
 

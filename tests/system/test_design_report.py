@@ -1,7 +1,6 @@
 """The page of a design space, in a browser as well, and the commands about many cores."""
 
 import json
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -9,6 +8,7 @@ import tempfile
 import numpy as np
 import pytest
 
+from support.browser import WIDTHS, open_page, started_browser
 from ukf_sw.extras import MissingExtraError
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import Core
@@ -189,6 +189,18 @@ def test_charts_have_the_figures(rows):
     assert sum("stopped" in value for value in accuracy) == 3
 
 
+def test_latency_has_one_scale(rows):
+    """Bars of ours and of the paper's can be compared; none is higher than the scale."""
+    charts = [chart for chart in draw(rows) if chart.section == "Latency"]
+    (low, high), *others = (c.spec["encoding"]["y"]["scale"]["domain"] for c in charts)
+    assert others == [[low, high]] * 2
+    bars = {}
+    for number, chart in enumerate(charts):
+        for value in values_of(chart.spec):
+            bars[number, value["core"]] = bars.get((number, value["core"]), 0.0) + value["time"]
+    assert (low, high) == (0.0, max(bars.values())) == (0.0, paper_2018.LATENCY[1].core)
+
+
 def test_series_of_one_core_share_a_chart():
     made = [
         row(Point.of(Core(params=UkfParams(n=n, m=1))), cycles=100 * n, lut=100) for n in (2, 4)
@@ -248,37 +260,27 @@ def test_no_page_of_nothing():
 @pytest.fixture(scope="module")
 def browser():
     """Chromium, or a skip that says why."""
-    playwright = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium") or shutil.which("google-chrome")
-    if path is None:
-        pytest.skip("no Chromium is installed")
-    with playwright.sync_playwright() as driver:
-        # Its sandbox does not work for root, in containers for instance.
-        started = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+    with started_browser() as started:
         yield started
-        started.close()
 
 
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", WIDTHS)
 def test_page_in_a_browser(rows, browser, tmp_path, width):
     charts = draw(rows)
     file = tmp_path / "report.html"
     file.write_text(render(rows, charts), encoding="utf-8")
-    page = browser.new_page(viewport={"width": width, "height": 844})
-    said, asked = [], []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(file.as_uri())
-    page.wait_for_function(
-        f"document.querySelectorAll('.chart svg').length === {len(charts)}", timeout=20_000
-    )
-    assert said == []
-    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
-    # Nothing is wider than the screen but what scrolls by itself.
-    assert page.evaluate("document.documentElement.scrollWidth") == width
-    drawn = "[...document.querySelectorAll('.chart svg')].map(s => s.getBoundingClientRect().right)"
-    assert max(page.evaluate(drawn)) <= width
+    with open_page(browser, file, width) as page:
+        page.wait_for_function(
+            f"document.querySelectorAll('.chart svg').length === {len(charts)}", timeout=20_000
+        )
+        drawn = "[...document.querySelectorAll('.chart svg')]"
+        drawn = page.evaluate(f"{drawn}.map(chart => chart.getBoundingClientRect().right)")
+        assert max(drawn) <= width
+        use_table(page)
+
+
+def use_table(page):
+    """Sort and filter the table of everything."""
 
     def column(name):
         heads = page.locator("#everything th button").all_text_contents()
@@ -299,7 +301,6 @@ def test_page_in_a_browser(rows, browser, tmp_path, width):
     assert page.locator("#count").text_content() == f"{len(column('form'))} of 13"
     assert set(column("form")) == {"covariance"}
     assert "10" in column("pes")
-    page.close()
 
 
 # Commands.

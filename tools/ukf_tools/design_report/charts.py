@@ -165,6 +165,7 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
             if time is not None
         ]  # fmt: skip
     clocks = sorted({f"{row['clock_mhz']:g}" for row in rows})
+    highest = max(map(_highest, stacks.values()))
     for number, (label, values) in enumerate(stacks.items(), start=1):
         steps = [step for step in _STEPS if any(value["step"] == step for value in values)]
         chart = _data(values).mark_bar().encode(
@@ -172,7 +173,11 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
                 "core:N", sort=None, title=None if label == CORES else "processing elements",
                 axis=alt.Axis(labelAngle=-60 if label == CORES else 0, labelLimit=150),
             ),
-            y=alt.Y("time:Q", title="time of an iteration / µs", stack="zero"),
+            # One scale for all, ours and the paper's, so that bars can be compared between charts.
+            y=alt.Y(
+                "time:Q", title="time of an iteration / µs", stack="zero",
+                scale=alt.Scale(domain=[0.0, highest], nice=True),
+            ),
             color=alt.Color(
                 "step:N",
                 scale=alt.Scale(domain=steps, range=[_STEPS[step] for step in steps]),
@@ -188,7 +193,7 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
         if label == PAPER:
             caption = (
                 "Table 4 of the 2018 paper at 100 MHz, models apart. With 1 PE it counts SIG_GEN "
-                "to PREDICT. The scale is another one than ours."
+                "to PREDICT. The scale is that of ours."
             )
         else:
             caption = (
@@ -202,6 +207,14 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
             caption=caption,
             spec=_spec(chart),
         )
+
+
+def _highest(values: Sequence[dict[str, Any]]) -> float:
+    """Height of the highest of the stacked bars."""
+    bars: dict[str, float] = {}
+    for value in values:
+        bars[value["core"]] = bars.get(value["core"], 0.0) + value["time"]
+    return max(bars.values())
 
 
 def _resources(rows: Sequence[Row]) -> Iterator[Chart]:
