@@ -178,7 +178,8 @@ static enum ukf_result use_next_noise(struct ukf *ukf)
     return result;
 }
 
-static enum ukf_result go_back_to_noise(struct ukf *ukf)
+/** Write the factors in use, and run INIT. */
+static enum ukf_result write_old_noise(struct ukf *ukf)
 {
     const enum ukf_result result = write_noises(ukf, ukf->noise);
 
@@ -246,7 +247,7 @@ static enum ukf_result send_noise(struct ukf *ukf)
     if (result == UKF_OK) {
         result = ukf_driver_initialise(&ukf->driver);
     }
-    result = back_out(ukf, result, go_back_to_noise);
+    result = back_out(ukf, result, write_old_noise);
     return result == UKF_OK ? use_next_noise(ukf) : result;
 }
 
@@ -618,7 +619,7 @@ enum ukf_result ukf_recover(struct ukf *ukf)
         /* It has been reset; before it has been started, `unfinished` sends all. */
         result = send_gate(ukf);
         if (result == UKF_OK && ukf->started) {
-            result = write_noises(ukf, ukf->noise);
+            result = write_old_noise(ukf);
         }
     }
     if (result != UKF_OK) {

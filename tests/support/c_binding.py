@@ -273,6 +273,11 @@ class CFilter:
         return None if value is None else np.ascontiguousarray(value, dtype=np.float64)
 
     @property
+    def params(self) -> UkfParams:
+        """What the library was compiled for."""
+        return self._params
+
+    @property
     def fault(self) -> dict[str, int]:
         """Details of the last failure."""
         fault = _Fault()

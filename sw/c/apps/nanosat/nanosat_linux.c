@@ -13,6 +13,7 @@
 #include "remote.h"
 #include "uio.h"
 #include "ukf_core.h"
+#include "ukf_driver.h"
 
 /** What follows a prefix, or NULL. */
 static const char *after(const char *text, const char *prefix)
