@@ -21,6 +21,9 @@
  *     if (result == UKF_OK) {
  *         result = ukf_state(&ukf, x);
  *     }
+ *     if (result != UKF_OK) {
+ *         result = ukf_recover(&ukf);
+ *     }
  * }
  * @endcode
  *
@@ -31,13 +34,7 @@
  * leaves estimate and settings as they were, but a predict that follows a predict begins with
  * ukf_redraw(), which stays; or it leaves open whether it has been done (enum ukf_result has the
  * list). Then driver.doubtful is set, and whatever needs the core returns UKF_NOT_RECOVERED until
- * ukf_recover() has found out, or ukf_start() or ukf_restore() has begun anew:
- *
- * @code
- * if (ukf.driver.doubtful) {
- *     result = ukf_recover(&ukf);
- * }
- * @endcode
+ * ukf_recover() has found out, or ukf_start() or ukf_restore() has begun anew.
  */
 #ifndef UKF_FILTER_H
 #define UKF_FILTER_H

@@ -160,7 +160,7 @@ def same(c, python):
     "params", [AUGMENTED, MIXED, COVARIANCE], ids=["augmented", "mixed", "covariance"]
 )
 def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
-    """Sequence, addresses, words: predict, update, masks, gate, settings."""
+    """Sequence, addresses, words: predict, update, masks, gate, settings, recovering."""
     c, python, c_bus, python_bus = both(
         library, params, interrupt=interrupt, state_angles=(0,), observation_angles=(0,)
     )
@@ -168,6 +168,9 @@ def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
     gated = 0
     for k in range(24):
         u = float(rng.standard_normal())
+        if k % 9 == 5:
+            c.recover()
+            python.recover()
         c.predict(u)
         python.predict(u)
         z = 3.0 * rng.standard_normal(params.m)
