@@ -168,7 +168,7 @@ def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
     gated = 0
     for k in range(24):
         u = float(rng.standard_normal())
-        if k % 9 == 5:
+        if k % 9 == 6:
             c.recover()
             python.recover()
         c.predict(u)
