@@ -272,6 +272,11 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
+        "driver: INIT forgets a prediction that is there still", "sw/ukf_sw/drivers/driver.py",
+        "            self._initialised = True\n            if status", "            if status",
+        "tests/sw/test_recovery.py",
+    ),
+    Mutant(
         "C driver: after the time-out it does not look once more", "sw/c/ukf_driver.c",
         "        result = get(driver, UKF_STATUS_OFFSET, status);\n"
         "        if (result != UKF_OK || late ||",

@@ -231,6 +231,27 @@ def test_recovering_may_fail_as_well(case, name, done):
 
 
 @pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
+def test_undoing_may_fail(done):
+    case = Case(AUGMENTED, redraw=False, predicted=True)
+    ukf = case.start(SingleBus(case.params))
+    expected = {"before": traits(ukf)}
+    ukf = case.start(SingleBus(case.params))
+    ukf.undo_predict()
+    expected["after"] = traits(ukf)
+    outcomes = []
+    for access in range(1, 6):
+        bus = SingleBus(case.params)
+        ukf = case.start(bus)
+        bus.break_at(access, done)
+        with pytest.raises(BusError):
+            ukf.undo_predict()
+        bus.break_at(None, False)
+        ukf.recover()
+        outcomes.append(outcome(ukf, expected))
+    assert set(outcomes) == ({"after"} if done else {"before", "after"})
+
+
+@pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_the_constructor_may_fail(case, done):
     """There is no filter then, and the core takes the next one."""

@@ -407,6 +407,7 @@ class Driver:
         predicted = self._before is not None and step is not Step.PREDICT
         if predicted and status & INITIALISED:
             # The core has not been reset, so its flags are true.
+            self._initialised = True
             if status & POINTS:
                 self._before = self._predicted = None
                 predicted = False
