@@ -11,8 +11,11 @@
 #define BINARY32_FRACTION 23u
 #define BINARY64_FRACTION 52u
 
-/** No bus takes polls faster than this, so more of them mean that the clock stands still. */
-#define POLLS_PER_US 5u
+/**
+ * No bus takes polls faster than this, not even a simulated one with 100 MHz, whose reads take some
+ * clocks each; so more of them mean that the clock stands still.
+ */
+#define POLLS_PER_US 100u
 #define FEWEST_POLLS 1000u
 
 /* The results name the errors of the core by their codes. */
