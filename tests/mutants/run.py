@@ -274,7 +274,7 @@ MUTANTS = [
     Mutant(
         "driver: INIT forgets a prediction that is there still", "sw/ukf_sw/drivers/driver.py",
         "            self._initialised = True\n            if status", "            if status",
-        "tests/sw/test_recovery.py",
+        "tests/sw/test_recovery.py::test_undoing_may_fail",
     ),
     Mutant(
         "C driver: after the time-out it does not look once more", "sw/c/ukf_driver.c",
@@ -319,12 +319,12 @@ MUTANTS = [
     Mutant(
         "C driver: INIT forgets a prediction that is there still", "sw/c/ukf_driver.c",
         "            driver->initialised = true;\n", "",
-        C_RECOVERY,
+        C_RECOVERY + "::test_undoing_may_fail",
     ),
     Mutant(
         "C driver: a handler of interrupts hides the end of a step", "sw/c/ukf_driver.c",
         "result = put(driver, UKF_INTERRUPT_ENABLE_OFFSET, 0u);", "",
-        C_RECOVERY,
+        C_RECOVERY + "::test_every_step_may_fail_to_end",
     ),
     Mutant(
         "C filter: an assignment that broke off is not made", "sw/c/ukf_filter.c",
@@ -334,17 +334,17 @@ MUTANTS = [
     Mutant(
         "C filter: a noise that is refused stays", "sw/c/ukf_filter.c",
         "result = back_out(ukf, result, write_old_noise);", "",
-        C_RECOVERY,
+        C_RECOVERY + "::test_a_noise_that_the_core_refuses_is_not_taken",
     ),
     Mutant(
         "C filter: a predict stays whose covariance is none", "sw/c/ukf_filter.c",
         "back_out(ukf, redraw(ukf), undo_predict)", "redraw(ukf)",
-        C_RECOVERY,
+        C_RECOVERY + "::test_a_predict_whose_covariance_overflows",
     ),
     Mutant(
         "C filter: one that has not been started may be used", "sw/c/ukf_filter.c",
         "result == UKF_OK && !ukf->started ?", "result != UKF_OK && !ukf->started ?",
-        C_RECOVERY,
+        C_RECOVERY + "::test_the_first_start_may_fail",
     ),
     Mutant(
         "C driver: a code of the core without a name is not handed on", "sw/c/ukf_driver.c",
