@@ -306,11 +306,6 @@ MUTANTS = [
         C_RECOVERY,
     ),
     Mutant(
-        "C driver: a predict that broke off is forgotten", "sw/c/ukf_driver.c",
-        "    driver->step = UKF_STEP_PREDICT; /* its points are about to be overwritten */\n", "",
-        C_RECOVERY,
-    ),
-    Mutant(
         "C driver: x from before a prediction is not written again", "sw/c/ukf_driver.c",
         "if (result == UKF_OK && driver->predicted) {\n        result = ukf_driver_write(",
         "if (result == UKF_OK && driver->dropping) {\n        result = ukf_driver_write(",
