@@ -1,5 +1,6 @@
 #include "ukf_driver.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -9,6 +10,13 @@
 #define EVENTS (UKF_INTERRUPT_PENDING_DONE_MASK | UKF_INTERRUPT_PENDING_ERROR_MASK)
 #define BINARY32_FRACTION 23u
 #define BINARY64_FRACTION 52u
+
+/**
+ * No bus takes polls faster than this, not even a simulated one with 100 MHz, whose reads take some
+ * clocks each; so more of them mean that the clock stands still.
+ */
+#define POLLS_PER_US 100u
+#define FEWEST_POLLS 1000u
 
 /* The results name the errors of the core by their codes. */
 _Static_assert((unsigned)UKF_ILLEGAL_STEP == UKF_ERROR_CODE_ILLEGAL_STEP, "code 1");
@@ -34,12 +42,40 @@ const char *ukf_result_name(enum ukf_result result)
         [UKF_WRONG_FORMAT] = "wrong format",
         [UKF_BAD_ARGUMENT] = "bad argument",
         [UKF_BAD_MODEL] = "bad model",
+        [UKF_NOT_OPEN] = "not open",
+        [UKF_NOT_STARTED] = "not started",
+        [UKF_NOT_RECOVERED] = "not recovered",
+        [UKF_ESTIMATE_LOST] = "estimate lost",
     };
 
     if ((size_t)result >= sizeof names / sizeof names[0]) {
         return "not a result";
     }
     return names[result] != NULL ? names[result] : "unknown error";
+}
+
+/* Doubt. It arises where a write or a step fails, and ends in ukf_driver_recover() and _begin(). */
+
+enum ukf_result ukf_driver_check(const struct ukf_driver *driver)
+{
+    if (!driver->open) {
+        return UKF_NOT_OPEN;
+    }
+    return driver->doubtful ? UKF_NOT_RECOVERED : UKF_OK;
+}
+
+/** Whether a step that ended so has changed nothing. */
+static bool is_refusal(enum ukf_result result)
+{
+    return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
+           result == UKF_NOT_POSITIVE_DEFINITE;
+}
+
+/** Note that what was done may have changed the core, unless it is certain that it has not. */
+static enum ukf_result judged(struct ukf_driver *driver, enum ukf_result result)
+{
+    driver->doubtful = driver->doubtful || !(result == UKF_OK || is_refusal(result));
+    return result;
 }
 
 /* Accesses. */
@@ -53,15 +89,24 @@ static enum ukf_result refused(struct ukf_driver *driver, uint32_t address)
 static enum ukf_result get(struct ukf_driver *driver, uint32_t address, uint32_t *word)
 {
     const struct ukf_port *port = driver->port;
+    const enum ukf_result result = ukf_driver_check(driver);
 
+    if (result != UKF_OK) {
+        return result;
+    }
     return port->read(port->context, address, word) ? UKF_OK : refused(driver, address);
 }
 
 static enum ukf_result put(struct ukf_driver *driver, uint32_t address, uint32_t word)
 {
     const struct ukf_port *port = driver->port;
+    const enum ukf_result result = ukf_driver_check(driver);
 
-    return port->write(port->context, address, word) ? UKF_OK : refused(driver, address);
+    if (result != UKF_OK) {
+        return result;
+    }
+    return port->write(port->context, address, word) ? UKF_OK
+                                                     : judged(driver, refused(driver, address));
 }
 
 /* Numbers and words. Subnormal numbers are zeros of their sign, and there is one NaN. */
@@ -72,7 +117,7 @@ static uint32_t to_binary32(double value)
     uint32_t word;
     float narrow;
 
-    if (isnan(value)) {
+    if (!ukf_is_number(value)) {
         return UINT32_C(0x7FC00000);
     }
     /* What is below the smallest normal number after rounding to 24 bits, exponent unbounded. */
@@ -99,7 +144,7 @@ static uint64_t to_binary64(double value)
 {
     uint64_t word;
 
-    if (isnan(value)) {
+    if (!ukf_is_number(value)) {
         return UINT64_C(0x7FF8000000000000);
     }
     memcpy(&word, &value, sizeof word);
@@ -183,23 +228,30 @@ enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32
 enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
                                  uint32_t columns, uint32_t stride, const ukf_real *values)
 {
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result = ukf_driver_check(driver);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (base == core->factor) {
+        driver->predicted = false; /* L replaces the covariance of a prediction */
+    }
+    if (base == core->process_noise_factor || base == core->observation_noise_factor) {
+        driver->initialised = false;
+    }
     for (uint32_t i = 0; i < rows; i++) {
         for (uint32_t j = 0; j < columns; j++) {
             const uint32_t address =
                 base + i * driver->core->row_stride + j * driver->core->element_bytes;
-            const enum ukf_result result = put_number(driver, address, values[i * stride + j]);
 
+            result = put_number(driver, address, values[i * stride + j]);
             if (result != UKF_OK) {
                 return result;
             }
         }
     }
     return UKF_OK;
-}
-
-void ukf_driver_note_write(struct ukf_driver *driver)
-{
-    driver->overwritten = false;
 }
 
 /* What the core is. */
@@ -284,78 +336,72 @@ enum ukf_result ukf_driver_open(struct ukf_driver *driver, const struct ukf_core
         port->now_us == NULL || timeout_us == 0u || !is_supported(core)) {
         return UKF_BAD_ARGUMENT;
     }
+    driver->open = true;
     result = check_core(driver);
-    return result == UKF_OK ? ukf_driver_reset(driver) : result;
+    if (result == UKF_OK) {
+        result = ukf_driver_begin(driver);
+    }
+    driver->open = result == UKF_OK;
+    return result;
 }
 
 /* Steps. */
 
-enum ukf_result ukf_driver_reset(struct ukf_driver *driver)
+static enum ukf_result enable_interrupts(struct ukf_driver *driver)
+{
+    return put(driver, UKF_INTERRUPT_ENABLE_OFFSET, driver->port->wait != NULL ? EVENTS : 0u);
+}
+
+/** Reset and enable the core: a running step is dropped, x and the factors stay. */
+static enum ukf_result reset(struct ukf_driver *driver)
 {
     enum ukf_result result;
 
     driver->initialised = false;
-    driver->overwritten = false;
     driver->mask_known = false;
     result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | UKF_CONTROL_RESET_MASK);
     if (result == UKF_OK) {
         result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
     }
-    if (result == UKF_OK) {
-        result = put(driver, UKF_INTERRUPT_ENABLE_OFFSET, driver->port->wait != NULL ? EVENTS : 0u);
-    }
-    return result;
+    return result == UKF_OK ? enable_interrupts(driver) : result;
 }
 
-/** Reset the core because a step does not end. */
-static enum ukf_result give_up(struct ukf_driver *driver, uint32_t step)
+enum ukf_result ukf_driver_begin(struct ukf_driver *driver)
 {
-    enum ukf_result result;
-    uint32_t status;
-
-    result = get(driver, UKF_STATUS_OFFSET, &status);
-    if (result == UKF_OK) {
-        result = ukf_driver_reset(driver);
-    }
-    if (result != UKF_OK) {
-        return result;
-    }
-    driver->fault = (struct ukf_fault){
-        .step = step,
-        .state = (status & UKF_STATUS_STATE_MASK) >> UKF_STATUS_STATE_SHIFT,
-    };
-    return UKF_TIMEOUT;
+    driver->doubtful = false;
+    driver->dropping = false;
+    driver->predicted = false;
+    driver->step = UKF_STEP_IDLE;
+    return reset(driver);
 }
 
-/** Wait until no step runs. */
-static enum ukf_result wait_for(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+/** Wait until no step runs, or for the time-out; `status` is the last STATUS. */
+static enum ukf_result wait_for(struct ukf_driver *driver, bool interrupts, uint32_t *status)
 {
     const struct ukf_port *port = driver->port;
     const uint64_t deadline = port->now_us(port->context) + driver->timeout_us;
+    uint64_t polls = (uint64_t)driver->timeout_us * POLLS_PER_US;
 
+    polls = polls > FEWEST_POLLS ? polls : FEWEST_POLLS;
     for (;;) {
         enum ukf_result result;
-        bool late;
+        bool late = false;
 
-        if (port->wait != NULL) {
+        if (interrupts) {
             const uint64_t now = port->now_us(port->context);
 
-            if (!port->wait(port->context, now < deadline ? (uint32_t)(deadline - now) : 0u)) {
-                return give_up(driver, step);
-            }
+            late = !port->wait(port->context, now < deadline ? (uint32_t)(deadline - now) : 0u);
             result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
             if (result != UKF_OK) {
                 return result;
             }
         }
+        polls--;
         /* The clock is read first: a step that ends while we look is not late. */
-        late = port->now_us(port->context) > deadline;
+        late = port->now_us(port->context) > deadline || polls == 0u || late;
         result = get(driver, UKF_STATUS_OFFSET, status);
-        if (result != UKF_OK || (*status & UKF_STATUS_STATE_MASK) == 0u) {
+        if (result != UKF_OK || late || (*status & UKF_STATUS_STATE_MASK) == 0u) {
             return result;
-        }
-        if (late) {
-            return give_up(driver, step);
         }
     }
 }
@@ -368,8 +414,8 @@ static uint32_t bit_of(uint32_t step)
     return UKF_CONTROL_INIT_MASK << (step - UKF_STEP_INIT);
 }
 
-/** Run a step. */
-static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+/** Start a step and see how it ends: STATUS, and ERROR.CODE as a result. */
+static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, uint32_t *status)
 {
     enum ukf_result result;
     uint32_t error;
@@ -377,7 +423,14 @@ static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *s
 
     result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | bit_of(step));
     if (result == UKF_OK) {
-        result = wait_for(driver, step, status);
+        result = wait_for(driver, driver->port->wait != NULL, status);
+    }
+    if (result == UKF_OK && (*status & UKF_STATUS_STATE_MASK) != 0u) {
+        driver->fault = (struct ukf_fault){
+            .step = step,
+            .state = (*status & UKF_STATUS_STATE_MASK) >> UKF_STATUS_STATE_SHIFT,
+        };
+        return UKF_TIMEOUT;
     }
     if (result == UKF_OK) {
         result = get(driver, UKF_ERROR_OFFSET, &error);
@@ -395,10 +448,26 @@ static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *s
         .index = (error & UKF_ERROR_INDEX_MASK) >> UKF_ERROR_INDEX_SHIFT,
     };
     if (code == UKF_ERROR_CODE_NONE) {
-        driver->initialised = false;
         return UKF_STEP_LOST;
     }
     return code < UKF_FIRST_OWN_RESULT ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
+}
+
+/** Run a step. */
+static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+{
+    enum ukf_result result = ukf_driver_check(driver);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    driver->step = step;
+    result = judged(driver, start_and_wait(driver, step, status));
+    /* A step that is illegal has not begun; but PREDICT has its points overwritten before. */
+    if (!driver->doubtful || (result == UKF_ILLEGAL_STEP && step != UKF_STEP_PREDICT)) {
+        driver->step = UKF_STEP_IDLE;
+    }
+    return result;
 }
 
 enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
@@ -416,43 +485,43 @@ enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
 enum ukf_result ukf_driver_generate(struct ukf_driver *driver)
 {
     enum ukf_result result;
-    uint32_t word;
-
-    result = ukf_driver_initialise(driver);
-    if (result == UKF_OK && driver->overwritten) {
-        /* A predict broke off after writing points, which the core takes for its own. A write to
-         * x, of what it holds, tells it. */
-        result = get(driver, driver->core->state, &word);
-        if (result == UKF_OK) {
-            result = put(driver, driver->core->state, word);
-        }
-        if (result == UKF_OK) {
-            driver->overwritten = false;
-        }
-    }
-    return result == UKF_OK ? run(driver, UKF_STEP_SIG_GEN, &word) : result;
-}
-
-enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points)
-{
-    const struct ukf_core *core = driver->core;
-    enum ukf_result result;
     uint32_t status;
 
-    driver->overwritten = true;
+    result = ukf_driver_initialise(driver);
+    if (result == UKF_OK) {
+        result = run(driver, UKF_STEP_SIG_GEN, &status);
+    }
+    driver->predicted = driver->predicted && result != UKF_OK;
+    return result;
+}
+
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *before,
+                                   ukf_real *points)
+{
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result = ukf_driver_check(driver);
+    uint32_t status;
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    driver->step = UKF_STEP_PREDICT; /* its points are about to be overwritten */
+    if (!driver->predicted) {
+        driver->predicted = true;
+        memcpy(driver->before, before, core->n * sizeof *before);
+    }
     result = ukf_driver_write(driver, core->state_points, core->n, core->points, core->points,
                               points);
     if (result == UKF_OK) {
         result = run(driver, UKF_STEP_PREDICT, &status);
     }
-    if (result != UKF_OK) {
-        return result;
+    if (is_refusal(result)) {
+        driver->predicted = false;
     }
-    driver->overwritten = false;
-    for (uint32_t i = 0; i < core->n * core->points; i++) {
+    for (uint32_t i = 0; result == UKF_OK && i < core->n * core->points; i++) {
         points[i] = ukf_driver_round(driver, points[i]);
     }
-    return UKF_OK;
+    return result;
 }
 
 enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *points,
@@ -460,7 +529,7 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *poi
 {
     const struct ukf_core *core = driver->core;
     enum ukf_result result;
-    uint32_t status = 0;
+    uint32_t status;
 
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
@@ -478,13 +547,14 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *poi
     if (result == UKF_OK) {
         result = run(driver, UKF_STEP_UPDATE, &status);
     }
-    if (result == UKF_OK) {
-        /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
-        _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");
-        result = get_number(driver, UKF_NIS_LOW_OFFSET, nis);
+    if (result != UKF_OK) {
+        return result;
     }
     *gated = (status & UKF_STATUS_GATED_MASK) != 0u;
-    return result;
+    driver->predicted = driver->predicted && *gated;
+    /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
+    _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");
+    return judged(driver, get_number(driver, UKF_NIS_LOW_OFFSET, nis));
 }
 
 enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
@@ -510,10 +580,109 @@ enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
 enum ukf_result ukf_driver_gate(struct ukf_driver *driver, ukf_real gate)
 {
     _Static_assert(UKF_GATE_HIGH_OFFSET == UKF_GATE_LOW_OFFSET + 4u, "the gate is one number");
-    return put_number(driver, UKF_GATE_LOW_OFFSET, gate);
+    const ukf_real largest = is_double(driver) ? (ukf_real)DBL_MAX : (ukf_real)FLT_MAX;
+    const bool overflows = ukf_is_finite((double)gate) && gate > largest;
+
+    return put_number(driver, UKF_GATE_LOW_OFFSET, overflows ? largest : gate);
 }
 
 enum ukf_result ukf_driver_cycles(struct ukf_driver *driver, uint32_t *cycles)
 {
     return get(driver, UKF_CYCLES_OFFSET, cycles);
+}
+
+/* After an error. */
+
+/** Reset the core. What is left then is an estimate whose factor it has. */
+static enum ukf_result restart(struct ukf_driver *driver)
+{
+    const struct ukf_core *core = driver->core;
+    enum ukf_result result = reset(driver);
+
+    if (result == UKF_OK && driver->predicted) {
+        result = ukf_driver_write(driver, core->state, 1u, core->n, core->n, driver->before);
+    }
+    if (result == UKF_OK) {
+        driver->predicted = false;
+    }
+    return result;
+}
+
+/** Let a running step end, or drop it; gives STATUS. */
+static enum ukf_result come_to_rest(struct ukf_driver *driver, uint32_t *status)
+{
+    enum ukf_result result = wait_for(driver, false, status);
+
+    if (result != UKF_OK || (*status & UKF_STATUS_STATE_MASK) == 0u) {
+        return result;
+    }
+    /* An event from now on is the end of the step; a handler of interrupts must not clear it. */
+    result = put(driver, UKF_INTERRUPT_ENABLE_OFFSET, 0u);
+    if (result == UKF_OK) {
+        result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
+    }
+    if (result == UKF_OK) {
+        result = get(driver, UKF_STATUS_OFFSET, status);
+    }
+    if (result == UKF_OK && (*status & UKF_STATUS_STATE_MASK) != 0u) {
+        driver->dropping = true;
+        result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | UKF_CONTROL_RESET_MASK);
+    }
+    return result == UKF_OK ? get(driver, UKF_STATUS_OFFSET, status) : result;
+}
+
+/** Whether a step that could have factorised a prediction is known not to have. */
+static enum ukf_result find_factor(struct ukf_driver *driver)
+{
+    uint32_t events = EVENTS;
+    enum ukf_result result = UKF_OK;
+
+    if (driver->step != UKF_STEP_SIG_GEN && driver->step != UKF_STEP_UPDATE) {
+        return UKF_OK;
+    }
+    if (driver->dropping) {
+        result = get(driver, UKF_INTERRUPT_PENDING_OFFSET, &events);
+    }
+    return result == UKF_OK && (events & EVENTS) != 0u ? UKF_ESTIMATE_LOST : result;
+}
+
+/** Get the core into a state that is known. */
+static enum ukf_result find_out(struct ukf_driver *driver)
+{
+    const bool predicted = driver->predicted && driver->step != UKF_STEP_PREDICT;
+    uint32_t status;
+    enum ukf_result result = come_to_rest(driver, &status);
+
+    if (result == UKF_OK && predicted && (status & UKF_STATUS_INITIALISED_MASK) != 0u) {
+        /* The core has not been reset, so its flags are true. */
+        if ((status & UKF_STATUS_POINTS_MASK) == 0u) {
+            driver->initialised = true;
+            return enable_interrupts(driver);
+        }
+        driver->predicted = false;
+    } else if (result == UKF_OK && predicted) {
+        result = find_factor(driver);
+    }
+    return result == UKF_OK ? restart(driver) : result;
+}
+
+enum ukf_result ukf_driver_recover(struct ukf_driver *driver)
+{
+    enum ukf_result result = driver->open ? UKF_OK : UKF_NOT_OPEN;
+
+    if (result == UKF_OK) {
+        driver->doubtful = false;
+        result = find_out(driver);
+        driver->doubtful = result != UKF_OK;
+    }
+    if (result == UKF_OK) {
+        driver->step = UKF_STEP_IDLE;
+        driver->dropping = false;
+    }
+    return result;
+}
+
+enum ukf_result ukf_driver_undo_predict(struct ukf_driver *driver)
+{
+    return driver->predicted ? restart(driver) : UKF_OK;
 }

@@ -5,6 +5,9 @@
  * The sequence of accesses, the checks and the errors are those of the driver in Python. Nothing is
  * allocated and nothing is global: one driver is one struct, and any number of them, for cores of
  * different sizes, may exist.
+ *
+ * An error that may have changed the core, or not, leaves it in doubt: `doubtful` is set, and all
+ * that needs the core returns UKF_NOT_RECOVERED. enum ukf_result says which errors do.
  */
 #ifndef UKF_DRIVER_H
 #define UKF_DRIVER_H
@@ -54,12 +57,24 @@ struct ukf_core {
     uint32_t observation_noise_factor;
 };
 
+/** A time-out for steps, in microseconds: most take some thousand clocks, but Linux has more to do. */
+#define UKF_DEFAULT_TIMEOUT_US 1000000u
+
 /** The first result that is not a code of the core. */
 #define UKF_FIRST_OWN_RESULT 64u
 
 /**
  * What came of a call. Below UKF_FIRST_OWN_RESULT it is what the core reports, its ERROR.CODE, also if
  * that is none of those named here. From there on it is what the driver and the filter find.
+ *
+ * Whatever a call that does not return UKF_OK was to read is not to be used.
+ *
+ * - Nothing has been done, and that is certain, with UKF_NOT_FINITE, UKF_SINGULAR_OBSERVATION,
+ *   UKF_NOT_POSITIVE_DEFINITE, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those that say that something
+ *   has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED, UKF_NOT_RECOVERED.
+ * - UKF_BUS_ERROR of a call that had only begun to read an estimate leaves no doubt either.
+ * - Whether what was asked for has been done is open with UKF_BUS_ERROR otherwise, UKF_TIMEOUT,
+ *   UKF_STEP_LOST, UKF_ILLEGAL_STEP, and codes that are not known: go on with ukf_recover().
  */
 enum ukf_result {
     UKF_OK = 0,
@@ -68,20 +83,26 @@ enum ukf_result {
     UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of z; it stays. */
     UKF_NOT_POSITIVE_DEFINITE = 4, /**< P is not, at fault.index, a row of x; it stays. */
     UKF_UNKNOWN_ERROR = UKF_FIRST_OWN_RESULT, /**< fault.code is 64 or more, which no core has. */
-    UKF_TIMEOUT,        /**< The step did not end in time; the core has been reset. */
+    UKF_TIMEOUT,        /**< The step did not end in time; it may end later. */
     UKF_STEP_LOST,      /**< Something else reset the core while the step ran. */
     UKF_BUS_ERROR,      /**< The core refused the access at fault.address. */
     UKF_WRONG_ID,       /**< ID is not that of a UKF core, or of another version of the map. */
     UKF_WRONG_SIZES,    /**< n, m, q or r are others. */
     UKF_WRONG_FORMAT,   /**< Number format, form, kinds of noise or W0 are others. */
     UKF_BAD_ARGUMENT,   /**< An argument is out of range, not finite, or no covariance. */
-    UKF_BAD_MODEL       /**< A model failed or was not finite: fault.point, fault.index. */
+    UKF_BAD_MODEL,      /**< A model failed or was not finite: fault.point, fault.index. */
+    UKF_NOT_OPEN,       /**< ukf_open() has not succeeded. */
+    UKF_NOT_STARTED,    /**< ukf_start() has not succeeded. */
+    UKF_NOT_RECOVERED,  /**< An error has left a doubt: ukf_recover() has to succeed first. */
+    UKF_ESTIMATE_LOST   /**< The doubt cannot be settled: begin anew with ukf_start(). */
 };
 
 /** Name of a result, for messages; "unknown error" for codes of the core without one: add the number. */
 const char *ukf_result_name(enum ukf_result result);
 
-/** Details of the last call that did not return UKF_OK; what does not apply is 0. */
+/**
+ * Details of the last call that the core, the bus or a model made fail; what does not apply is 0.
+ */
 struct ukf_fault {
     uint32_t step;     /**< UKF_STEP_... */
     uint32_t code;     /**< ERROR.CODE. */
@@ -100,10 +121,19 @@ struct ukf_driver {
     uint32_t timeout_us;    /**< How long to wait for a step, in microseconds. */
     uint32_t pes;           /**< Processing elements that the core says it has. */
     struct ukf_fault fault; /**< Of the last call that failed. */
+    bool open;              /**< ukf_driver_open() has succeeded. */
+    bool doubtful;          /**< An error has left open what the core holds. */
     bool initialised;       /**< INIT has succeeded since the last reset. */
-    bool overwritten;       /**< The core takes other numbers for sigma points of its estimate. */
     bool mask_known;
     uint32_t mask;          /**< What MASK holds, if that is known. */
+    uint32_t step;          /**< The step that may have been started and may have ended. */
+    bool dropping;          /**< That step has been reset, unless it had ended just before. */
+    /**
+     * The estimate is a prediction from `before`, whose covariance has not been factorised: the core
+     * has the factor of that from before.
+     */
+    bool predicted;
+    ukf_real before[UKF_MAX_SIZE];
 };
 
 /**
@@ -121,8 +151,34 @@ struct ukf_driver {
 enum ukf_result ukf_driver_open(struct ukf_driver *driver, const struct ukf_core *core,
                                 const struct ukf_port *port, uint32_t timeout_us);
 
-/** @brief Reset and enable the core: a running step is dropped, x and its factor stay. */
-enum ukf_result ukf_driver_reset(struct ukf_driver *driver);
+/**
+ * @brief Whether the core may be used.
+ * @return UKF_OK, UKF_NOT_OPEN or UKF_NOT_RECOVERED; so may all functions that follow.
+ */
+enum ukf_result ukf_driver_check(const struct ukf_driver *driver);
+
+/**
+ * @brief Reset and enable the core, to begin anew: no doubt matters.
+ *
+ * A running step is dropped. All that the core is to know must be written: x, the factors of P, Q
+ * and R, and the gate.
+ */
+enum ukf_result ukf_driver_begin(struct ukf_driver *driver);
+
+/**
+ * @brief Settle a doubt: find out what the core has done.
+ *
+ * A step that may still run is waited for, and dropped if it does not end. A PREDICT that had broken
+ * off is undone; other steps have happened or not. Without `initialised` afterwards the core has been
+ * reset: what was being written must be written again, and the gate and the factors of Q and R.
+ *
+ * @return UKF_ESTIMATE_LOST if that cannot be found out; UKF_BUS_ERROR, after which it may be called
+ *         again.
+ */
+enum ukf_result ukf_driver_recover(struct ukf_driver *driver);
+
+/** @brief Go back to `before`, if the estimate is a prediction from it; resets the core. */
+enum ukf_result ukf_driver_undo_predict(struct ukf_driver *driver);
 
 /** @brief Run INIT if there was none since the last reset. */
 enum ukf_result ukf_driver_initialise(struct ukf_driver *driver);
@@ -137,9 +193,11 @@ enum ukf_result ukf_driver_generate(struct ukf_driver *driver);
 
 /**
  * @brief Write transformed sigma points and run PREDICT.
+ * @param before x, n numbers: column 0 of the sigma points of the estimate.
  * @param points n rows of `core->points` numbers. They come back as the core holds them.
  */
-enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points);
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *before,
+                                   ukf_real *points);
 
 /**
  * @brief Write observations of the sigma points and z, and run UPDATE.
@@ -155,14 +213,14 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *poi
 /** @brief Run COVARIANCE and read P, n by n: its lower triangle, mirrored. */
 enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P);
 
-/** @brief Write the gate; infinity is off. */
+/** @brief Write the gate; infinity is off. What is finite stays so, at the format's largest. */
 enum ukf_result ukf_driver_gate(struct ukf_driver *driver, ukf_real gate);
 
 /** @brief Read CYCLES: clocks from start to end of the last step. */
 enum ukf_result ukf_driver_cycles(struct ukf_driver *driver, uint32_t *cycles);
 
 /**
- * @brief Read the upper left part of a region, row by row.
+ * @brief Read the upper left part of a region, row by row. It leaves no doubt.
  * @param base    Base address of the region, one of those in ukf_core.
  * @param rows    Rows of the part.
  * @param columns Columns of the part.
@@ -176,13 +234,9 @@ enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32
  * @brief Write the upper left part of a region, row by row. Arguments as ukf_driver_read().
  *
  * A number is rounded to nearest, ties to even; below the smallest normal number it becomes 0.
- * After writing x or a factor of P, tell the driver with ukf_driver_note_write().
  */
 enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
                                  uint32_t columns, uint32_t stride, const ukf_real *values);
-
-/** @brief x or its factor were written: the core knows that its sigma points are outdated. */
-void ukf_driver_note_write(struct ukf_driver *driver);
 
 /** @brief The number as the core of a format holds it. */
 ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value);

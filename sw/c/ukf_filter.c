@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "ukf_factor.h"
 
@@ -9,6 +10,12 @@
 
 /** Rows i and j of a matrix must agree to this part of its largest element. */
 #define ASYMMETRY (sizeof(ukf_real) == sizeof(double) ? 1e-9 : 1e-5)
+
+/** Numbers of the factors of Q and R. */
+static uint32_t noise_length(const struct ukf_core *core)
+{
+    return core->q * core->q + core->r * core->r;
+}
 
 enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const struct ukf_port *port,
                          const struct ukf_models *models, const struct ukf_options *options,
@@ -35,24 +42,48 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
     ukf->Z = ukf->X + core->n * core->points;
     ukf->W = ukf->Z + core->m * core->points;
     ukf->V = ukf->W + core->q * core->points;
-    ukf->scratch = ukf->V + core->r * core->points;
+    ukf->x = ukf->V + core->r * core->points;
+    ukf->L = ukf->x + core->n;
+    ukf->next_noise = ukf->L + core->n * core->n;
+    ukf->noise = ukf->next_noise + noise_length(core);
+    ukf->scratch = ukf->noise + noise_length(core);
     return UKF_OK;
 }
 
 /* Arguments. */
 
+/** Whether the filter is in use and in no doubt. */
+static enum ukf_result ready(const struct ukf *ukf)
+{
+    const enum ukf_result result = ukf_driver_check(&ukf->driver);
+
+    return result == UKF_OK && !ukf->started ? UKF_NOT_STARTED : result;
+}
+
 static bool all_finite(const ukf_real *values, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
-        if (!isfinite(values[i])) {
+        if (!ukf_is_finite((double)values[i])) {
             return false;
         }
     }
     return true;
 }
 
-/** Factor of a covariance into scratch; UKF_BAD_ARGUMENT if it is none. */
-static enum ukf_result factor(struct ukf *ukf, uint32_t size, const ukf_real *A, bool definite)
+/** Whether numbers are finite in the format of the core as well. */
+static bool all_fit(const struct ukf *ukf, const ukf_real *values, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        if (!ukf_is_finite((double)ukf_driver_round(&ukf->driver, values[i]))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/** Factor of a covariance; UKF_BAD_ARGUMENT if it is none, or too large for the format. */
+static enum ukf_result factor(const struct ukf *ukf, uint32_t size, const ukf_real *A,
+                              bool definite, ukf_real *B)
 {
     double largest = 0.0;
 
@@ -72,31 +103,31 @@ static enum ukf_result factor(struct ukf *ukf, uint32_t size, const ukf_real *A,
             }
         }
     }
-    if (!ukf_lower_factor(size, A, ukf->scratch)) {
+    if (!ukf_lower_factor(size, A, B) || !all_fit(ukf, B, size * size)) {
         return UKF_BAD_ARGUMENT;
     }
     for (uint32_t i = 0; definite && i < size; i++) {
-        if (!(ukf->scratch[i * size + i] > 0)) {
+        if (!(B[i * size + i] > 0)) {
             return UKF_BAD_ARGUMENT;
         }
     }
     return UKF_OK;
 }
 
-/** Factor a covariance and write the factor to a region. */
-static enum ukf_result send_factor(struct ukf *ukf, uint32_t base, uint32_t size, const ukf_real *A,
-                                   bool definite)
+static enum ukf_result factor_P(const struct ukf *ukf, const ukf_real *P, ukf_real *B)
 {
-    enum ukf_result result = factor(ukf, size, A, definite);
-
-    return result == UKF_OK && size != 0u
-               ? ukf_driver_write(&ukf->driver, base, size, size, size, ukf->scratch)
-               : result;
+    return factor(ukf, ukf->driver.core->n, P, ukf->driver.core->covariance_form != 0u, B);
 }
 
-static bool needs_definite(const struct ukf *ukf)
+/** Factors of Q and R into next_noise. */
+static enum ukf_result factor_noise(const struct ukf *ukf, const ukf_real *Q, const ukf_real *R)
 {
-    return ukf->driver.core->covariance_form != 0u;
+    const struct ukf_core *core = ukf->driver.core;
+    const enum ukf_result result = factor(ukf, core->q, Q, false, ukf->next_noise);
+
+    return result == UKF_OK
+               ? factor(ukf, core->r, R, false, ukf->next_noise + core->q * core->q)
+               : result;
 }
 
 /* Noise. */
@@ -124,24 +155,156 @@ static enum ukf_result fetch_noises(struct ukf *ukf)
                             : result;
 }
 
-/** Write the factors of Q and R, both of which have been checked. */
-static enum ukf_result send_noises(struct ukf *ukf, const ukf_real *Q, const ukf_real *R)
+/** Write factors of Q and R. */
+static enum ukf_result write_noises(struct ukf *ukf, const ukf_real *factors)
 {
     const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = send_factor(ukf, core->process_noise_factor, core->q, Q, false);
+    enum ukf_result result = ukf_driver_write(&ukf->driver, core->process_noise_factor, core->q,
+                                              core->q, core->q, factors);
 
-    return result == UKF_OK ? send_factor(ukf, core->observation_noise_factor, core->r, R, false)
+    return result == UKF_OK ? ukf_driver_write(&ukf->driver, core->observation_noise_factor, core->r,
+                                               core->r, core->r, factors + core->q * core->q)
                             : result;
 }
 
-static enum ukf_result check_noises(struct ukf *ukf, const ukf_real *Q, const ukf_real *R)
+/** Take next_noise, which is in the core, into use. */
+static enum ukf_result use_next_noise(struct ukf *ukf)
 {
-    const enum ukf_result result = factor(ukf, ukf->driver.core->q, Q, false);
+    enum ukf_result result;
 
-    return result == UKF_OK ? factor(ukf, ukf->driver.core->r, R, false) : result;
+    memcpy(ukf->noise, ukf->next_noise, noise_length(ukf->driver.core) * sizeof *ukf->noise);
+    result = fetch_noises(ukf);
+    ukf->driver.doubtful = result != UKF_OK;
+    return result;
+}
+
+/** Write the factors in use, and run INIT. */
+static enum ukf_result write_old_noise(struct ukf *ukf)
+{
+    const enum ukf_result result = write_noises(ukf, ukf->noise);
+
+    return result == UKF_OK ? ukf_driver_initialise(&ukf->driver) : result;
+}
+
+/** If the core has refused something, go back; the refusal is the result, unless that fails. */
+static enum ukf_result back_out(struct ukf *ukf, enum ukf_result result,
+                                enum ukf_result (*go_back)(struct ukf *ukf))
+{
+    const struct ukf_fault fault = ukf->driver.fault;
+
+    if (result != UKF_OK && !ukf->driver.doubtful) {
+        const enum ukf_result back = go_back(ukf);
+
+        if (back != UKF_OK) {
+            return back;
+        }
+        ukf->driver.fault = fault;
+    }
+    return result;
+}
+
+/* Sending what is assigned. */
+
+static enum ukf_result send_state(struct ukf *ukf)
+{
+    const uint32_t n = ukf->driver.core->n;
+
+    ukf->transformed = false;
+    return ukf_driver_write(&ukf->driver, ukf->driver.core->state, 1u, n, n, ukf->x);
+}
+
+static enum ukf_result send_factor(struct ukf *ukf)
+{
+    const uint32_t n = ukf->driver.core->n;
+
+    ukf->transformed = false;
+    return ukf_driver_write(&ukf->driver, ukf->driver.core->factor, n, n, n, ukf->L);
+}
+
+static enum ukf_result send_gate(struct ukf *ukf)
+{
+    return ukf_driver_gate(&ukf->driver, ukf->gate);
+}
+
+/** Sigma points of the estimate; those sent through f are not used any more. */
+static enum ukf_result redraw(struct ukf *ukf)
+{
+    const enum ukf_result result = ukf_driver_generate(&ukf->driver);
+
+    ukf->transformed = ukf->transformed && result != UKF_OK;
+    return result;
+}
+
+static enum ukf_result send_noise(struct ukf *ukf)
+{
+    /* INIT would forget a prediction that has not been factorised. */
+    enum ukf_result result = redraw(ukf);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    result = write_noises(ukf, ukf->next_noise);
+    if (result == UKF_OK) {
+        result = ukf_driver_initialise(&ukf->driver);
+    }
+    result = back_out(ukf, result, write_old_noise);
+    return result == UKF_OK ? use_next_noise(ukf) : result;
+}
+
+static enum ukf_result send_all(struct ukf *ukf)
+{
+    enum ukf_result result = ukf_driver_begin(&ukf->driver);
+
+    ukf->gated = false;
+    ukf->nis = (ukf_real)NAN;
+    if (result == UKF_OK) {
+        result = send_state(ukf);
+    }
+    if (result == UKF_OK) {
+        result = send_factor(ukf);
+    }
+    if (result == UKF_OK) {
+        result = write_noises(ukf, ukf->next_noise);
+    }
+    if (result == UKF_OK) {
+        result = ukf_driver_initialise(&ukf->driver);
+    }
+    if (result == UKF_OK) {
+        result = send_gate(ukf);
+    }
+    if (result == UKF_OK) {
+        result = use_next_noise(ukf);
+    }
+    ukf->started = ukf->started || result == UKF_OK;
+    ukf->driver.doubtful = result != UKF_OK; /* also if INIT was refused: x and L are others now */
+    return result;
+}
+
+/** Finish what is being assigned; it is given up if the core refuses it. */
+static enum ukf_result finish(struct ukf *ukf)
+{
+    const enum ukf_result result = ukf->unfinished != NULL ? ukf->unfinished(ukf) : UKF_OK;
+
+    if (!ukf->driver.doubtful) {
+        ukf->unfinished = NULL;
+    }
+    return result;
+}
+
+static enum ukf_result assign(struct ukf *ukf, enum ukf_result (*send)(struct ukf *ukf))
+{
+    ukf->unfinished = send;
+    return finish(ukf);
 }
 
 /* Estimate. */
+
+/** Begin anew from `x` and from what L and next_noise hold. */
+static enum ukf_result begin(struct ukf *ukf, const ukf_real *x)
+{
+    memcpy(ukf->x, x, ukf->driver.core->n * sizeof *x);
+    return assign(ukf, send_all);
+}
 
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,
                           const ukf_real *R)
@@ -149,149 +312,106 @@ enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P,
     const struct ukf_core *core = ukf->driver.core;
     enum ukf_result result;
 
-    if (!all_finite(x, core->n)) {
+    if (!ukf->driver.open) {
+        return UKF_NOT_OPEN;
+    }
+    /* All is checked before what another assignment has left unfinished is overwritten. */
+    if (!all_fit(ukf, x, core->n)) {
         return UKF_BAD_ARGUMENT;
     }
-    result = factor(ukf, core->n, P, needs_definite(ukf));
+    result = factor(ukf, core->q, Q, false, ukf->scratch);
     if (result == UKF_OK) {
-        result = check_noises(ukf, Q, R);
+        result = factor(ukf, core->r, R, false, ukf->scratch);
+    }
+    if (result == UKF_OK) {
+        result = factor_P(ukf, P, ukf->scratch);
     }
     if (result != UKF_OK) {
         return result;
     }
-    ukf->transformed = false;
-    ukf->gated = false;
-    ukf->nis = (ukf_real)NAN;
-    result = ukf_driver_reset(&ukf->driver);
-    if (result == UKF_OK) {
-        result = ukf_driver_write(&ukf->driver, core->state, 1u, core->n, core->n, x);
-    }
-    if (result == UKF_OK) {
-        result = send_factor(ukf, core->factor, core->n, P, needs_definite(ukf));
-    }
-    if (result == UKF_OK) {
-        result = send_noises(ukf, Q, R);
-    }
-    if (result == UKF_OK) {
-        result = ukf_driver_initialise(&ukf->driver);
-    }
-    if (result == UKF_OK) {
-        result = ukf_driver_gate(&ukf->driver, ukf->gate);
-    }
-    return result == UKF_OK ? fetch_noises(ukf) : result;
+    (void)factor_P(ukf, P, ukf->L);
+    (void)factor_noise(ukf, Q, R);
+    return begin(ukf, x);
 }
 
 enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x)
 {
     const struct ukf_core *core = ukf->driver.core;
+    const enum ukf_result result = ready(ukf);
 
-    return ukf_driver_read(&ukf->driver, core->state, 1u, core->n, core->n, x);
+    return result == UKF_OK ? ukf_driver_read(&ukf->driver, core->state, 1u, core->n, core->n, x)
+                            : result;
 }
 
 enum ukf_result ukf_covariance(struct ukf *ukf, ukf_real *P)
 {
-    return ukf_driver_covariance(&ukf->driver, P);
+    const enum ukf_result result = ready(ukf);
+
+    return result == UKF_OK ? ukf_driver_covariance(&ukf->driver, P) : result;
 }
 
 enum ukf_result ukf_set_state(struct ukf *ukf, const ukf_real *x)
 {
-    const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result;
+    const enum ukf_result result = ready(ukf);
 
-    if (!all_finite(x, core->n)) {
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (!all_fit(ukf, x, ukf->driver.core->n)) {
         return UKF_BAD_ARGUMENT;
     }
-    ukf->transformed = false;
-    result = ukf_driver_write(&ukf->driver, core->state, 1u, core->n, core->n, x);
-    if (result == UKF_OK) {
-        ukf_driver_note_write(&ukf->driver);
-    }
-    return result;
+    memcpy(ukf->x, x, ukf->driver.core->n * sizeof *x);
+    return assign(ukf, send_state);
 }
 
 enum ukf_result ukf_set_covariance(struct ukf *ukf, const ukf_real *P)
 {
-    const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = factor(ukf, core->n, P, needs_definite(ukf));
+    enum ukf_result result = ready(ukf);
 
-    if (result != UKF_OK) {
-        return result;
-    }
-    ukf->transformed = false;
-    result = ukf_driver_write(&ukf->driver, core->factor, core->n, core->n, core->n, ukf->scratch);
     if (result == UKF_OK) {
-        ukf_driver_note_write(&ukf->driver);
+        result = factor_P(ukf, P, ukf->L);
     }
-    return result;
+    return result == UKF_OK ? assign(ukf, send_factor) : result;
 }
 
 enum ukf_result ukf_set_noise(struct ukf *ukf, const ukf_real *Q, const ukf_real *R)
 {
-    enum ukf_result result = check_noises(ukf, Q, R);
+    enum ukf_result result = ready(ukf);
 
-    if (result != UKF_OK) {
-        return result;
-    }
-    ukf->transformed = false;
-    /* INIT would forget a prediction that has not been factorised. */
-    result = ukf_driver_generate(&ukf->driver);
     if (result == UKF_OK) {
-        result = send_noises(ukf, Q, R);
+        result = factor_noise(ukf, Q, R);
     }
-    if (result == UKF_OK) {
-        ukf->driver.initialised = false;
-        result = ukf_driver_initialise(&ukf->driver);
-    }
-    return result == UKF_OK ? fetch_noises(ukf) : result;
+    return result == UKF_OK ? assign(ukf, send_noise) : result;
 }
 
 enum ukf_result ukf_set_gate(struct ukf *ukf, ukf_real gate)
 {
-    enum ukf_result result;
+    const enum ukf_result result = ready(ukf);
 
-    if (!(gate >= 0)) {
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (!ukf_is_number((double)gate) || gate < 0) {
         return UKF_BAD_ARGUMENT;
     }
-    result = ukf_driver_gate(&ukf->driver, gate);
-    if (result == UKF_OK) {
-        ukf->gate = gate;
-    }
-    return result;
+    ukf->gate = gate;
+    return assign(ukf, send_gate);
 }
 
 /* Sigma points. */
 
-/** Whether a step that ended so has changed nothing. After other errors that is not certain. */
-static bool is_verdict(enum ukf_result result)
-{
-    return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
-           result == UKF_NOT_POSITIVE_DEFINITE;
-}
-
-/** After an error that is no verdict, points sent through f are not those of the core any more. */
-static enum ukf_result judged(struct ukf *ukf, enum ukf_result result)
-{
-    if (result != UKF_OK && !is_verdict(result)) {
-        ukf->transformed = false;
-    }
-    return result;
-}
-
 enum ukf_result ukf_redraw(struct ukf *ukf)
 {
-    const enum ukf_result result = judged(ukf, ukf_driver_generate(&ukf->driver));
+    const enum ukf_result result = ready(ukf);
 
-    if (result == UKF_OK) {
-        ukf->transformed = false;
-    }
-    return result;
+    return result == UKF_OK ? redraw(ukf) : result;
 }
 
 /** Sigma points of the estimate into X. Columns n + 2 and up are copies of x, which is column 0. */
 static enum ukf_result draw(struct ukf *ukf)
 {
     const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = ukf_redraw(ukf);
+    enum ukf_result result = redraw(ukf);
 
     if (result != UKF_OK) {
         return result;
@@ -341,7 +461,7 @@ static enum ukf_result check_result(struct ukf *ukf, bool success, ukf_real *val
     for (uint32_t i = 0; i < rows; i++) {
         if ((used >> i & 1u) == 0u) {
             values[i] = 0;
-        } else if (!isfinite(values[i])) {
+        } else if (!ukf_is_finite((double)values[i])) {
             return bad_model(ukf, k, i);
         }
     }
@@ -364,6 +484,14 @@ static void wrap_rows(ukf_real *matrix, uint32_t rows, uint32_t columns, uint32_
     }
 }
 
+static enum ukf_result undo_predict(struct ukf *ukf)
+{
+    const enum ukf_result result = ukf_driver_undo_predict(&ukf->driver);
+
+    ukf->transformed = ukf->transformed && result != UKF_OK;
+    return result;
+}
+
 enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
 {
     const struct ukf_core *core = ukf->driver.core;
@@ -371,8 +499,15 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     ukf_real x[UKF_MAX_SIZE];
     ukf_real w[UKF_MAX_SIZE];
     ukf_real next[UKF_MAX_SIZE];
-    enum ukf_result result = draw(ukf);
+    ukf_real before[UKF_MAX_SIZE];
+    enum ukf_result result = ready(ukf);
 
+    if (result == UKF_OK) {
+        result = draw(ukf);
+    }
+    if (result == UKF_OK) {
+        get_column(ukf->X, core->n, core->points, 0u, before);
+    }
     for (uint32_t k = 0; result == UKF_OK && k < core->points; k++) {
         get_column(ukf->X, core->n, core->points, k, x);
         get_column(ukf->W, core->q, core->points, k, w);
@@ -384,29 +519,30 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
         return result;
     }
     wrap_rows(ukf->X, core->n, core->points, models->state_angles);
-    result = judged(ukf, ukf_driver_predict(&ukf->driver, ukf->X));
-    if (result != UKF_OK) {
-        return result;
-    }
-    ukf->transformed = true;
-    return ukf->redraw ? ukf_redraw(ukf) : UKF_OK;
+    result = ukf_driver_predict(&ukf->driver, before, ukf->X);
+    ukf->transformed = result == UKF_OK;
+    return result == UKF_OK && ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : result;
 }
 
 enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
 {
     const struct ukf_core *core = ukf->driver.core;
     const struct ukf_models *models = ukf->models;
-    const uint32_t used = mask & (UKF_ALL >> (UKF_MAX_SIZE - core->m));
     ukf_real x[UKF_MAX_SIZE];
     ukf_real v[UKF_MAX_SIZE];
     ukf_real observation[UKF_MAX_SIZE];
-    enum ukf_result result = UKF_OK;
+    enum ukf_result result = ready(ukf);
+    uint32_t used;
 
+    if (result != UKF_OK) {
+        return result;
+    }
+    used = mask & (UKF_ALL >> (UKF_MAX_SIZE - core->m));
     if (used == 0u) {
         return UKF_OK;
     }
     for (uint32_t i = 0; i < core->m; i++) {
-        if ((used >> i & 1u) != 0u && !isfinite(z[i])) {
+        if ((used >> i & 1u) != 0u && !ukf_is_finite((double)z[i])) {
             return UKF_BAD_ARGUMENT;
         }
     }
@@ -430,8 +566,7 @@ enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
             observation[i] = wrap(observation[i], ukf->Z[i * core->points]);
         }
     }
-    result = judged(ukf, ukf_driver_update(&ukf->driver, ukf->Z, observation, used, &ukf->nis,
-                                           &ukf->gated));
+    result = ukf_driver_update(&ukf->driver, ukf->Z, observation, used, &ukf->nis, &ukf->gated);
     if (result == UKF_OK && !ukf->gated) {
         ukf->transformed = false;
     }
@@ -456,16 +591,52 @@ enum ukf_result ukf_save(struct ukf *ukf, ukf_real *x, ukf_real *L)
 
 enum ukf_result ukf_restore(struct ukf *ukf, const ukf_real *x, const ukf_real *L)
 {
-    const struct ukf_core *core = ukf->driver.core;
+    const uint32_t n = ukf->driver.open ? ukf->driver.core->n : 0u;
+
+    if (!ukf->started) {
+        return ukf->driver.open ? UKF_NOT_STARTED : UKF_NOT_OPEN;
+    }
+    if (!all_fit(ukf, x, n) || !all_fit(ukf, L, n * n)) {
+        return UKF_BAD_ARGUMENT;
+    }
+    memcpy(ukf->L, L, n * n * sizeof *L);
+    memcpy(ukf->next_noise, ukf->noise, noise_length(ukf->driver.core) * sizeof *ukf->noise);
+    return begin(ukf, x);
+}
+
+enum ukf_result ukf_recover(struct ukf *ukf)
+{
     enum ukf_result result;
 
-    ukf->transformed = false;
-    result = ukf_driver_reset(&ukf->driver);
-    if (result == UKF_OK) {
-        result = ukf_driver_write(&ukf->driver, core->state, 1u, core->n, core->n, x);
+    if (ukf->driver.open && !ukf->started && ukf->unfinished == NULL) {
+        return UKF_NOT_STARTED;
     }
-    if (result == UKF_OK) {
-        result = ukf_driver_write(&ukf->driver, core->factor, core->n, core->n, core->n, L);
+    result = ukf_driver_recover(&ukf->driver);
+    if (result == UKF_OK && ukf->redraw) {
+        result = ukf_driver_undo_predict(&ukf->driver);
     }
-    return result == UKF_OK ? ukf_driver_initialise(&ukf->driver) : result;
+    if (result == UKF_OK && !ukf->driver.initialised) {
+        /* It has been reset; before it has been started, `unfinished` sends all. */
+        result = send_gate(ukf);
+        if (result == UKF_OK && ukf->started) {
+            result = write_old_noise(ukf);
+        }
+    }
+    if (result != UKF_OK) {
+        return result;
+    }
+    ukf->gated = false;
+    ukf->nis = (ukf_real)NAN;
+    ukf->transformed = ukf->transformed && ukf->driver.predicted;
+    return finish(ukf);
+}
+
+enum ukf_result ukf_undo_predict(struct ukf *ukf)
+{
+    const enum ukf_result result = ready(ukf);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    return ukf->driver.predicted ? undo_predict(ukf) : UKF_BAD_ARGUMENT;
 }

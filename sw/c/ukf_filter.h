@@ -21,14 +21,20 @@
  *     if (result == UKF_OK) {
  *         result = ukf_state(&ukf, x);
  *     }
+ *     if (result != UKF_OK) {
+ *         result = ukf_recover(&ukf);
+ *     }
  * }
  * @endcode
  *
  * The sizes are those of the struct ukf_core that is given, at run time, so one object code serves
  * any number of cores. All memory is that of struct ukf and of the caller's `work`.
  *
- * Matrices are row by row. What fails leaves the estimate as it was, except that after UKF_TIMEOUT
- * and UKF_BUS_ERROR a PREDICT may have moved x: go back with ukf_restore().
+ * Matrices are row by row. What can be checked is checked before the first write. A call that fails
+ * leaves estimate and settings as they were, but a predict that follows a predict begins with
+ * ukf_redraw(), which stays; or it leaves open whether it has been done (enum ukf_result has the
+ * list). Then driver.doubtful is set, and whatever needs the core returns UKF_NOT_RECOVERED until
+ * ukf_recover() has found out, or ukf_start() or ukf_restore() has begun anew.
  */
 #ifndef UKF_FILTER_H
 #define UKF_FILTER_H
@@ -44,8 +50,8 @@ extern "C" {
 
 /** Numbers that a filter needs as `work`. All arguments are sizes of the core. */
 #define UKF_WORK_LENGTH(n, m, q, r, points) \
-    (((n) + (m) + (q) + (r)) * (points) + UKF_LARGER(UKF_LARGER(n, q), r) * \
-     UKF_LARGER(UKF_LARGER(n, q), r))
+    (((n) + (m) + (q) + (r)) * (points) + (n) + (n) * (n) + 2u * ((q) * (q) + (r) * (r)) + \
+     UKF_LARGER(UKF_LARGER(n, q), r) * UKF_LARGER(UKF_LARGER(n, q), r))
 /** The larger one of two numbers without side effects. */
 #define UKF_LARGER(a, b) ((a) > (b) ? (a) : (b))
 
@@ -86,28 +92,36 @@ struct ukf_models {
 
 /** How to run a filter. */
 struct ukf_options {
-    uint32_t timeout_us; /**< How long to wait for a step, in microseconds; more than 0. */
+    /** How long to wait for a step, in microseconds; more than 0. UKF_DEFAULT_TIMEOUT_US suits. */
+    uint32_t timeout_us;
     /**
-     * Whether every predict ends with ukf_redraw(). The predicted points do not have the spread of
+     * Whether every predict ends with ukf_redraw(), as one step: it is done if both are. The predicted points do not have the spread of
      * an additive process noise, so with such a noise this should be true, unless the noise of one
      * step is small.
      */
     bool redraw;
 };
 
-/** A filter. Members are for reading. */
+/** A filter. Members are for reading. Zeros are one that is not open. */
 struct ukf {
     struct ukf_driver driver; /**< driver.fault has the details of the last failure. */
     const struct ukf_models *models;
+    bool started;
     bool redraw;
     bool transformed; /**< `X` holds points sent through f, which the next update may use. */
     bool gated;       /**< The last update was rejected: its NIS exceeded the gate. */
-    ukf_real nis;     /**< Normalised innovation squared of the last update; NaN before. */
+    ukf_real nis;     /**< NIS of the last update; NaN before, and after ukf_recover(). */
     ukf_real gate;
+    /** Sends what is assigned: again in ukf_recover(), if that broke off; NULL if nothing is. */
+    enum ukf_result (*unfinished)(struct ukf *ukf);
     ukf_real *X;      /**< Sigma points of the state, n by points. */
     ukf_real *Z;      /**< Observations of the sigma points, m by points. */
     ukf_real *W;      /**< Sigma points of w, q by points. */
     ukf_real *V;      /**< Sigma points of v, r by points. */
+    ukf_real *x;          /**< What is assigned: x, n numbers, */
+    ukf_real *L;          /**< a factor of P, n by n, */
+    ukf_real *next_noise; /**< factors of Q and R, q by q and r by r. */
+    ukf_real *noise;      /**< Factors of Q and R in use. */
     ukf_real *scratch;
 };
 
@@ -121,20 +135,21 @@ struct ukf {
  * @param work    Memory of the filter.
  * @param length  Its numbers, UKF_WORK_LENGTH or more.
  * @return As ukf_driver_open(); UKF_BAD_ARGUMENT as well if a model is missing or `work` is short.
+ *         After another result than UKF_OK all other functions return UKF_NOT_OPEN.
  */
 enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const struct ukf_port *port,
                          const struct ukf_models *models, const struct ukf_options *options,
                          ukf_real *work, uint32_t length);
 
 /**
- * @brief Start from an estimate; also to start again.
+ * @brief Start from an estimate; also to start again, and after any error.
  * @param ukf An open filter.
  * @param x   Estimate, n numbers.
  * @param P   Its covariance, n by n.
  * @param Q   Covariance of w, q by q; NULL if q is 0.
  * @param R   Covariance of v, r by r; NULL if r is 0.
- * @return UKF_BAD_ARGUMENT if a number is not finite or a matrix not a covariance; the errors of the
- *         core.
+ * @return UKF_BAD_ARGUMENT if a number is not finite, also in the format of the core, or a matrix not
+ *         a covariance: the filter goes on as if not called. The errors of the core.
  */
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,
                           const ukf_real *R);
@@ -161,13 +176,16 @@ enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x);
 /** @brief Have the core compute the covariance of the estimate, and read it: n by n. */
 enum ukf_result ukf_covariance(struct ukf *ukf, ukf_real *P);
 
-/** @brief Replace x, n numbers; P stays. */
+/**
+ * @brief Replace x, n numbers; P stays.
+ * @return As all that replaces something, UKF_BAD_ARGUMENT as ukf_start().
+ */
 enum ukf_result ukf_set_state(struct ukf *ukf, const ukf_real *x);
 
 /** @brief Replace P, n by n; x stays. */
 enum ukf_result ukf_set_covariance(struct ukf *ukf, const ukf_real *P);
 
-/** @brief Replace Q, q by q, and R, r by r; the estimate stays. */
+/** @brief Replace Q, q by q, and R, r by r; the estimate stays. It begins with ukf_redraw(). */
 enum ukf_result ukf_set_noise(struct ukf *ukf, const ukf_real *Q, const ukf_real *R);
 
 /** @brief Reject updates with a NIS above the gate, at least 0; infinity, at first, is off. */
@@ -185,11 +203,40 @@ enum ukf_result ukf_set_gate(struct ukf *ukf, ukf_real gate);
 enum ukf_result ukf_save(struct ukf *ukf, ukf_real *x, ukf_real *L);
 
 /**
- * @brief After an error: reset the core and go on from an estimate that was saved.
- *
- * Q, R and the gate are in the core still, unless it lost power: then use ukf_start().
+ * @brief Begin anew from an estimate that was saved, with the same Q, R and gate; after any error.
+ * @return UKF_BAD_ARGUMENT if a number is not finite: the filter goes on as if not called.
  */
 enum ukf_result ukf_restore(struct ukf *ukf, const ukf_real *x, const ukf_real *L);
+
+/**
+ * @brief Go on after an error that has left open what the core has done.
+ *
+ * Afterwards estimate and settings agree again:
+ *
+ * - ukf_set_...(), ukf_start() or ukf_restore() that broke off has been done.
+ * - A predict that broke off has not happened, or has happened as a whole. So has an update.
+ * - If the core had to be reset in a step, and the estimate was a prediction that had not been
+ *   factorised, it is that from before the prediction.
+ *
+ * If it fails with a doubt it can be called again. Without a doubt it is legal and changes nothing
+ * but the NIS.
+ *
+ * @return UKF_ESTIMATE_LOST if it cannot be found out what is left of the estimate. The core's
+ *         refusals (UKF_NOT_FINITE, ...) are about the assignment that broke off, which is not made
+ *         then. UKF_BUS_ERROR, UKF_TIMEOUT and the like if the core cannot be reached.
+ */
+enum ukf_result ukf_recover(struct ukf *ukf);
+
+/**
+ * @brief Go back to the estimate from before the last predict.
+ *
+ * For a predict without redrawing whose covariance turns out not to be one, so that ukf_covariance()
+ * or the next step fails. It is possible until the prediction has been factorised: by ukf_redraw(), a
+ * predict, an update that was not gated, or a change of P, Q or R.
+ *
+ * @return UKF_BAD_ARGUMENT if there is no such predict.
+ */
+enum ukf_result ukf_undo_predict(struct ukf *ukf);
 
 #ifdef __cplusplus
 }

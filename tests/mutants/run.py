@@ -24,6 +24,7 @@ SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
 DESIGN_SPACE = "tests/system/test_design_space.py"
 C_DRIVER = "tests/system/test_c_driver.py"
+C_RECOVERY = "tests/system/test_c_recovery.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
 
 
@@ -271,14 +272,74 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
-        "C driver: a time-out does not reset the core", "sw/c/ukf_driver.c",
-        "    if (result == UKF_OK) {\n        result = ukf_driver_reset(driver);\n    }", "",
+        "driver: INIT forgets a prediction that is there still", "sw/ukf_sw/drivers/driver.py",
+        "            self._initialised = True\n            if status", "            if status",
+        "tests/sw/test_recovery.py::test_undoing_may_fail",
+    ),
+    Mutant(
+        "C driver: after the time-out it does not look once more", "sw/c/ukf_driver.c",
+        "        result = get(driver, UKF_STATUS_OFFSET, status);\n"
+        "        if (result != UKF_OK || late ||",
+        "        result = late ? UKF_TIMEOUT : get(driver, UKF_STATUS_OFFSET, status);\n"
+        "        if (result != UKF_OK || late ||",
         C_DRIVER,
     ),
     Mutant(
-        "C driver: a predict that broke off is forgotten", "sw/c/ukf_driver.c",
-        "    driver->overwritten = true;\n", "",
+        "C driver: polls are not bounded", "sw/c/ukf_driver.c",
+        "deadline || polls == 0u || late", "deadline || polls >> 50 != 0u || late",
         C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a finite gate becomes infinite", "sw/c/ukf_driver.c",
+        "overflows ? largest : gate", "gate",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C driver: a write that fails leaves no doubt", "sw/c/ukf_driver.c",
+        ": judged(driver, refused(driver, address));", ": refused(driver, address);",
+        C_RECOVERY,
+    ),
+    Mutant(
+        "C driver: a step that fails leaves no doubt", "sw/c/ukf_driver.c",
+        "result = judged(driver, start_and_wait(driver, step, status));",
+        "result = start_and_wait(driver, step, status);",
+        C_RECOVERY,
+    ),
+    Mutant(
+        "C driver: x from before a prediction is not written again", "sw/c/ukf_driver.c",
+        "if (result == UKF_OK && driver->predicted) {\n        result = ukf_driver_write(",
+        "if (result == UKF_OK && driver->dropping) {\n        result = ukf_driver_write(",
+        C_RECOVERY,
+    ),
+    Mutant(
+        "C driver: INIT forgets a prediction that is there still", "sw/c/ukf_driver.c",
+        "            driver->initialised = true;\n", "",
+        C_RECOVERY + "::test_undoing_may_fail",
+    ),
+    Mutant(
+        "C driver: a handler of interrupts hides the end of a step", "sw/c/ukf_driver.c",
+        "result = put(driver, UKF_INTERRUPT_ENABLE_OFFSET, 0u);", "",
+        C_RECOVERY + "::test_every_step_may_fail_to_end",
+    ),
+    Mutant(
+        "C filter: an assignment that broke off is not made", "sw/c/ukf_filter.c",
+        "ukf->unfinished != NULL ? ukf->unfinished(ukf) : UKF_OK", "UKF_OK",
+        C_RECOVERY,
+    ),
+    Mutant(
+        "C filter: a noise that is refused stays", "sw/c/ukf_filter.c",
+        "result = back_out(ukf, result, write_old_noise);", "",
+        C_RECOVERY + "::test_a_noise_that_the_core_refuses_is_not_taken",
+    ),
+    Mutant(
+        "C filter: a predict stays whose covariance is none", "sw/c/ukf_filter.c",
+        "back_out(ukf, redraw(ukf), undo_predict)", "redraw(ukf)",
+        C_RECOVERY + "::test_a_predict_whose_covariance_overflows",
+    ),
+    Mutant(
+        "C filter: one that has not been started may be used", "sw/c/ukf_filter.c",
+        "result == UKF_OK && !ukf->started ?", "result != UKF_OK && !ukf->started ?",
+        C_RECOVERY + "::test_the_first_start_may_fail",
     ),
     Mutant(
         "C driver: a code of the core without a name is not handed on", "sw/c/ukf_driver.c",
@@ -296,10 +357,16 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
-        "C filter: going back keeps the points of the future", "sw/c/ukf_filter.c",
-        "    enum ukf_result result;\n\n    ukf->transformed = false;\n"
-        "    result = ukf_driver_reset(&ukf->driver);",
-        "    enum ukf_result result;\n\n    result = ukf_driver_reset(&ukf->driver);",
+        "C filter: a new estimate keeps the points of the old", "sw/c/ukf_filter.c",
+        "    ukf->transformed = false;\n"
+        "    return ukf_driver_write(&ukf->driver, ukf->driver.core->state,",
+        "    return ukf_driver_write(&ukf->driver, ukf->driver.core->state,",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: NaN passes where the compiler may deny it", "sw/c/ukf_real.h",
+        "(word & UINT64_C(0x7FF0000000000000)) != UINT64_C(0x7FF0000000000000)",
+        "word != 0 || value == value",
         C_DRIVER,
     ),
     Mutant(

@@ -16,6 +16,7 @@ const size_t binding_real_size = sizeof(ukf_real);
 void binding_outcome(const struct ukf *ukf, double *nis, uint32_t *gated);
 void binding_fault(const struct ukf *ukf, struct ukf_fault *fault);
 uint32_t binding_pes(const struct ukf *ukf);
+uint32_t binding_doubtful(const struct ukf *ukf);
 
 void binding_outcome(const struct ukf *ukf, double *nis, uint32_t *gated)
 {
@@ -31,4 +32,9 @@ void binding_fault(const struct ukf *ukf, struct ukf_fault *fault)
 uint32_t binding_pes(const struct ukf *ukf)
 {
     return ukf->driver.pes;
+}
+
+uint32_t binding_doubtful(const struct ukf *ukf)
+{
+    return ukf->driver.doubtful;
 }

@@ -47,6 +47,10 @@ class Result(IntEnum):
     WRONG_FORMAT = 70
     BAD_ARGUMENT = 71
     BAD_MODEL = 72
+    NOT_OPEN = 73
+    NOT_STARTED = 74
+    NOT_RECOVERED = 75
+    ESTIMATE_LOST = 76
 
 
 class _Port(ctypes.Structure):
@@ -93,7 +97,9 @@ class CFilterError(Exception):
         self.fault = fault
 
 
-def compile_library(params: UkfParams, folder: Path, *, application: bool = False) -> ctypes.CDLL:
+def compile_library(
+    params: UkfParams, folder: Path, *, application: bool = False, flags: tuple[str, ...] = ()
+) -> ctypes.CDLL:
     """Compile the C filter for a core as a library, and load it.
 
     Parameters
@@ -104,6 +110,8 @@ def compile_library(params: UkfParams, folder: Path, *, application: bool = Fals
         Folder for headers and library; made if absent.
     application
         Whether to compile the models of the nanosatellite as well.
+    flags
+        Further flags of the compiler.
 
     Raises
     ------
@@ -112,7 +120,7 @@ def compile_library(params: UkfParams, folder: Path, *, application: bool = Fals
     """
     write_headers(params, folder)
     sources = [*DRIVER, BINDING, *(APPLICATION[:1] if application else ())]
-    library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC"))
+    library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC", *flags))
     return ctypes.CDLL(str(library))
 
 
@@ -151,6 +159,8 @@ class CFilter:
     core
         Library for the core that is on the bus; None is `library`. Code compiled beside the header
         of one core drives any other.
+    opened
+        Whether to call :meth:`open`.
 
     Raises
     ------
@@ -174,6 +184,7 @@ class CFilter:
         observation_angles: tuple[int, ...] = (),
         short: int = 0,
         core: ctypes.CDLL | None = None,
+        opened: bool = True,
     ) -> None:
         self._library = library
         described = library if core is None else core
@@ -183,9 +194,10 @@ class CFilter:
         self._input: Any = None
         self.exceptions: list[Exception] = []
         size = ctypes.c_size_t.in_dll(library, "binding_size").value
-        length = WORD.in_dll(described, "binding_work_length").value - short
+        self._length = WORD.in_dll(described, "binding_work_length").value - short
+        self._core = ctypes.c_char.in_dll(described, "binding_core")
         self._ukf = ctypes.create_string_buffer(size)
-        self._work = np.zeros(max(length, 1))
+        self._work = np.zeros(max(self._length, 1))
         self._port = _Port(
             None,
             READ(self._read),
@@ -198,10 +210,8 @@ class CFilter:
             sum(1 << i for i in state_angles), sum(1 << i for i in observation_angles),
         )  # fmt: skip
         self._options = _Options(timeout_us, redraw)
-        self._call(
-            "ukf_open", ctypes.c_char.in_dll(described, "binding_core"), self._port, self._models,
-            self._options, work=length,
-        )  # fmt: skip
+        if opened:
+            self.open()
 
     # What C calls.
 
@@ -263,11 +273,21 @@ class CFilter:
         return None if value is None else np.ascontiguousarray(value, dtype=np.float64)
 
     @property
+    def params(self) -> UkfParams:
+        """What the library was compiled for."""
+        return self._params
+
+    @property
     def fault(self) -> dict[str, int]:
         """Details of the last failure."""
         fault = _Fault()
         self._library.binding_fault(self._ukf, ctypes.byref(fault))
         return {field[0]: getattr(fault, field[0]) for field in fault._fields_}
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether an error has left open what the core holds."""
+        return bool(self._library.binding_doubtful(self._ukf))
 
     @property
     def pes(self) -> int:
@@ -285,6 +305,12 @@ class CFilter:
         function = self._library.ukf_driver_round
         function.restype = ctypes.c_double
         return float(function(self._ukf, ctypes.c_double(value)))
+
+    def open(self) -> None:
+        """``ukf_open``."""
+        self._call(
+            "ukf_open", self._core, self._port, self._models, self._options, work=self._length
+        )
 
     def start(
         self, x: ArrayLike, P: ArrayLike, Q: ArrayLike | None = None, R: ArrayLike | None = None
@@ -362,3 +388,11 @@ class CFilter:
     def restore(self, x: ArrayLike, L: ArrayLike) -> None:
         """``ukf_restore``."""
         self._call("ukf_restore", self._numbers(x), self._numbers(L))
+
+    def recover(self) -> None:
+        """``ukf_recover``."""
+        self._call("ukf_recover")
+
+    def undo_predict(self) -> None:
+        """``ukf_undo_predict``."""
+        self._call("ukf_undo_predict")

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import ukf_sw
+from support.breaking_bus import BreakingBus, golden_core
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.errors import BusError, NotRecoveredError
 from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.golden import GoldenBus
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -118,54 +118,13 @@ def traits(ukf):
     return np.concatenate([np.ravel(each) for each in (*seen, ukf.x, ukf.P, [ukf.nis])])
 
 
-class BreakingBus(GoldenBus):
-    """Breaks off one access, before or after it has been done; single ones, so that they count."""
-
-    def __init__(self, params):
-        super().__init__(golden_core(params))
-        self.count = 0
-        self.breaks = None
-        self.done = False
-        self.read_many = self.write_many = None
-
-    def _access(self, do, address, *word):
-        self.count += 1
-        broken = self.count == self.breaks
-        if broken and not self.done:
-            raise BusError(address)
-        result = do(address, *word)
-        if broken:
-            raise BusError(address)
-        return result
-
-    def read(self, address):
-        return self._access(super().read, address)
-
-    def write(self, address, word):
-        self._access(super().write, address, word)
-
-    def break_at(self, access, done):
-        self.count, self.breaks, self.done = 0, access, done
-
-
 class SingleBus(BreakingBus):
-    """Hides the block accesses from the driver."""
+    """Hides the block accesses from the driver, so that every word counts."""
 
     def __getattribute__(self, name):
         if name in ("read_many", "write_many"):
             raise AttributeError(name)
         return super().__getattribute__(name)
-
-
-@cache
-def engine(params):
-    return Interpreter(params)
-
-
-def golden_core(params):
-    """Make a core. One at a time: they have one engine, whose memory is cleared, to save time."""
-    engine(params).memory[:] = engine(params).layout.initial_words()
-    return GoldenCore(params, engine=engine(params))
 
 
 def draw_anew(ukf):
@@ -269,6 +228,27 @@ def test_recovering_may_fail_as_well(case, name, done):
         bus.break_at(None, False)
         outcome(ukf, expected)
     assert broken > 0
+
+
+@pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
+def test_undoing_may_fail(done):
+    case = Case(AUGMENTED, redraw=False, predicted=True)
+    ukf = case.start(SingleBus(case.params))
+    expected = {"before": traits(ukf)}
+    ukf = case.start(SingleBus(case.params))
+    ukf.undo_predict()
+    expected["after"] = traits(ukf)
+    outcomes = []
+    for access in range(1, 6):
+        bus = SingleBus(case.params)
+        ukf = case.start(bus)
+        bus.break_at(access, done)
+        with pytest.raises(BusError):
+            ukf.undo_predict()
+        bus.break_at(None, False)
+        ukf.recover()
+        outcomes.append(outcome(ukf, expected))
+    assert set(outcomes) == ({"after"} if done else {"before", "after"})
 
 
 @pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])

@@ -84,6 +84,13 @@ def test_bare_metal_waits_for_its_handler(library):
     assert not port.wait(port.context, 0)
 
 
+def test_bare_metal_does_not_wait_for_ever(library):
+    """Not even if the clock stands still."""
+    state = BareMetal(np.zeros(64, dtype=np.uint32).ctypes.data, NOW(lambda: 7))
+    port = library.ukf_bare_metal_port(state, True)
+    assert not port.wait(port.context, 20)
+
+
 @pytest.mark.parametrize("ticks", [0, 332, 333, 1 << 32, (7 << 32) + 12345])
 def test_the_global_timer_counts_microseconds(library, ticks):
     registers = np.array([ticks & 0xFFFF_FFFF, ticks >> 32], dtype=np.uint32)

@@ -118,10 +118,12 @@ class FailingBus(GoldenBus):
         starts = address == CONTROL.offset and word & self._mask
         if starts:
             self._left -= 1
-        if starts and self._left == 0 and self._effect == "hang":
+        if starts and self._left == 0 and self._effect in ("hang", "die"):
             self.core.hold = True
         super().write(address, word)
-        if address == CONTROL.offset and word & CONTROL["RESET"].mask:
+        if starts and self._left == 0 and self._effect == "reset":
+            super().write(address, CONTROL["RESET"].mask | CONTROL["ENABLE"].mask)
+        if address == CONTROL.offset and word & CONTROL["RESET"].mask and self._effect == "hang":
             self.core.hold = False
         if starts and self._left == 0 and self._effect == "error":
             self._broken = True
@@ -135,7 +137,7 @@ class FailingBus(GoldenBus):
 
 @needs_cc
 @pytest.mark.parametrize("effect", ["hang", "error"])
-def test_the_application_goes_on_from_the_saved_estimate(program, effect, tmp_path):
+def test_the_application_recovers(program, effect, tmp_path):
     """A core that hangs, or reports what nobody knows, in step 5: one sample is lost."""
     scenario = nanosat(steps=STEPS)
     bus = FailingBus("PREDICT", 6, effect)
@@ -147,20 +149,30 @@ def test_the_application_goes_on_from_the_saved_estimate(program, effect, tmp_pa
     )
     expected = golden_results(scenario, STEPS)
     assert (results.x[:5] == expected.x[:5]).all()
-    # The estimate was saved after step 0; the filter goes on from there.
-    assert (results.x[5] == expected.x[0]).all()
+    assert (results.x[5] == expected.x[4]).all(), "it goes on from the estimate before"
     assert (results.results[np.arange(STEPS) != 5] == 0).all()
     assert np.abs(results.x[-1] - expected.x[-1])[:4].max() < 0.01
 
 
 @needs_cc
+def test_the_application_begins_anew_when_its_estimate_is_lost(program, tmp_path):
+    """Somebody resets the core in UPDATE: the prediction is lost, its factor perhaps as well."""
+    scenario = nanosat(steps=STEPS)
+    done, results = run(program, scenario, tmp_path, bus=FailingBus("UPDATE", 6, "reset"))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{STEPS} steps, 1 errors, 1 recoveries\n"
+    assert done.stderr == "step 5: step lost (66)\n"
+    assert (results.x[5] == scenario.x0.astype(np.float32)).all()
+
+
+@needs_cc
 def test_the_application_ends_when_the_core_cannot_be_recovered(program, tmp_path):
-    """It hangs before anything was saved."""
+    """It hangs, and does so again after a reset."""
     done, results = run(
-        program, nanosat(steps=STEPS), tmp_path, bus=FailingBus("PREDICT", 1, "hang")
+        program, nanosat(steps=STEPS), tmp_path, bus=FailingBus("PREDICT", 1, "die")
     )
     assert done.returncode == 1
-    assert done.stderr.startswith("step 0: time-out (65)\ntime-out: step 3, ")
+    assert done.stderr.startswith("step 0: time-out (65)\ntime-out: step 1, ")
     assert len(results.x) == 1
     assert results.P is None
 

@@ -4,6 +4,9 @@
 
 #include "ukf_registers.h"
 
+/** No processor looks more often than this, so more looks mean that the clock stands still. */
+#define LOOKS_PER_US 1000u
+
 static volatile uint32_t *word_at(const struct ukf_bare_metal *state, uint32_t address)
 {
     return (volatile uint32_t *)(state->base + address);
@@ -32,11 +35,12 @@ static bool wait_for_interrupt(void *context, uint32_t timeout_us)
 {
     struct ukf_bare_metal *state = context;
     const uint64_t start = state->now_us();
+    uint64_t looks = (uint64_t)timeout_us * LOOKS_PER_US;
     bool late;
 
     do {
         /* The clock is read first: an interrupt that comes while we look is not late. */
-        late = state->now_us() - start >= timeout_us;
+        late = state->now_us() - start >= timeout_us || looks-- == 0u;
         if (state->interrupted) {
             state->interrupted = false;
             return true;

@@ -57,8 +57,9 @@ GATED = STATUS["GATED"].mask
 CODE = ERROR["CODE"].mask
 EVENTS = INTERRUPT_PENDING["DONE"].mask | INTERRUPT_PENDING["ERROR"].mask
 
-#: No bus takes polls faster than this, so more of them mean that the clock stands still.
-POLLS_PER_SECOND = 5e6
+#: No bus takes polls faster than this, not even a simulated one with 100 MHz, whose reads take some
+#: clocks each; so more of them mean that the clock stands still.
+POLLS_PER_SECOND = 1e8
 FEWEST_POLLS = 1000
 
 
@@ -407,6 +408,7 @@ class Driver:
         predicted = self._before is not None and step is not Step.PREDICT
         if predicted and status & INITIALISED:
             # The core has not been reset, so its flags are true.
+            self._initialised = True
             if status & POINTS:
                 self._before = self._predicted = None
                 predicted = False

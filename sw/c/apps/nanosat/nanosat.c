@@ -84,12 +84,12 @@ static enum ukf_result iterate(struct ukf *ukf, const struct ukf_scenario *scena
     return result == UKF_OK ? ukf_state(ukf, x) : result;
 }
 
-/** Whether the core has kept the estimate, so that the next sample may come. */
-static bool keeps_estimate(enum ukf_result result)
+/** Get ready for the next sample; from the first estimate, if that of the core is lost. */
+static enum ukf_result recover(struct ukf *ukf, const struct ukf_scenario *scenario)
 {
-    return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
-           result == UKF_NOT_POSITIVE_DEFINITE || result == UKF_BAD_ARGUMENT ||
-           result == UKF_BAD_MODEL;
+    const enum ukf_result result = ukf_recover(ukf);
+
+    return result == UKF_ESTIMATE_LOST ? start(ukf, scenario) : result;
 }
 
 enum ukf_result nanosat_execute(struct nanosat_run *run)
@@ -103,9 +103,6 @@ enum ukf_result nanosat_execute(struct nanosat_run *run)
         .timeout_us = run->timeout_us, .redraw = scenario->redraw};
     struct ukf ukf;
     ukf_real x[NANOSAT_STATES];
-    ukf_real saved_x[NANOSAT_STATES];
-    ukf_real saved_L[NANOSAT_STATES * NANOSAT_STATES];
-    bool saved = false;
     enum ukf_result result;
 
     run->errors = 0;
@@ -131,17 +128,11 @@ enum ukf_result nanosat_execute(struct nanosat_run *run)
         if (record.result == UKF_OK) {
             record.nis = scenario->sampled[k] != 0u ? (double)ukf.nis : (double)NAN;
             record.gated = ukf.gated && scenario->sampled[k] != 0u;
-            if (run->save_interval != 0u && k % run->save_interval == 0u) {
-                record.result = ukf_save(&ukf, saved_x, saved_L);
-                saved = record.result == UKF_OK;
-            }
-        }
-        if (record.result != UKF_OK) {
+        } else {
             run->errors++;
             run->fault = ukf.driver.fault;
-            if (!keeps_estimate((enum ukf_result)record.result)) {
-                result = saved ? ukf_restore(&ukf, saved_x, saved_L)
-                               : (enum ukf_result)record.result;
+            if (ukf.driver.doubtful) {
+                result = recover(&ukf, scenario);
                 run->recoveries += result == UKF_OK;
             }
             if (result == UKF_OK) {

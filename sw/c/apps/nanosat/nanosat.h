@@ -50,25 +50,23 @@ struct nanosat_run {
     const struct ukf_core *core;
     const struct ukf_port *port;
     const struct ukf_scenario *scenario;
-    uint32_t timeout_us;    /**< How long to wait for a step of the core, in microseconds. */
-    uint32_t save_interval; /**< Steps from one saved estimate to the next; 0 is none. */
-    bool covariances;       /**< Whether P is read after each step: a step of the core, and words. */
+    uint32_t timeout_us; /**< How long to wait for a step of the core, in microseconds. */
+    bool covariances;    /**< Whether P is read after each step: a step of the core, and words. */
     /** Called after each step, with its number, the estimate, and P or NULL; NULL is nobody. */
     void (*on_step)(void *context, uint32_t step, const ukf_real *x, const ukf_real *P,
                     const struct ukf_record *record);
     void *context; /**< First argument of on_step. */
     ukf_real P[NANOSAT_STATES * NANOSAT_STATES]; /**< Covariance as last read; at the end, the last. */
     uint32_t errors;        /**< Steps that failed. */
-    uint32_t recoveries;    /**< Failures after which it went on from the saved estimate. */
+    uint32_t recoveries;    /**< Failures after which the filter had to be recovered. */
     struct ukf_fault fault; /**< Details of the last failure. */
 };
 
 /**
  * @brief Run the filter over all samples.
  *
- * When a step fails the sample is dropped. The estimate from before it is good still, unless the core
- * or the bus failed: then the last saved estimate is restored. If that fails as well, or nothing has
- * been saved, the run ends.
+ * When a step fails the rest of the sample is dropped. If the core or the bus failed, the filter is
+ * recovered before the next, and begins anew if the estimate is lost. If that fails, the run ends.
  *
  * @return UKF_OK if the run came to its end; otherwise what ended it.
  */

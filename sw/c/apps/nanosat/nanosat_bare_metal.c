@@ -24,9 +24,6 @@
 #define NANOSAT_INTERRUPTS 0
 #endif
 
-#define TIMEOUT_US 10000u
-#define SAVE_INTERVAL 100u
-
 /** What came of the run. */
 struct nanosat_outcome {
     uint32_t ended;         /**< 1 when the others are valid. */
@@ -76,8 +73,7 @@ int main(void)
         .core = &core,
         .port = &port,
         .scenario = &ukf_scenario_data,
-        .timeout_us = TIMEOUT_US,
-        .save_interval = SAVE_INTERVAL,
+        .timeout_us = UKF_DEFAULT_TIMEOUT_US,
         .on_step = note_step,
     };
     const uint64_t start = now_us();

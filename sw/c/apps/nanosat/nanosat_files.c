@@ -8,9 +8,6 @@
 #include "scenario_file.h"
 #include "ukf_core.h"
 
-/** Steps from one saved estimate to the next. */
-#define SAVE_INTERVAL 100u
-
 struct results {
     FILE *file;
     bool written;
@@ -51,7 +48,6 @@ int nanosat_files(const struct ukf_port *port, const char *scenario_path, const 
         .port = port,
         .scenario = &scenario,
         .timeout_us = timeout_us,
-        .save_interval = SAVE_INTERVAL,
         .covariances = covariances,
         .on_step = write_step,
         .context = &results,

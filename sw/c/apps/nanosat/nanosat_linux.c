@@ -13,10 +13,7 @@
 #include "remote.h"
 #include "uio.h"
 #include "ukf_core.h"
-
-/** Time-outs: a step takes some thousand clocks; the model on the other side takes its time. */
-#define CORE_TIMEOUT_US 10000u
-#define REMOTE_TIMEOUT_US 10000000u
+#include "ukf_driver.h"
 
 /** What follows a prefix, or NULL. */
 static const char *after(const char *text, const char *prefix)
@@ -46,8 +43,7 @@ int main(int count, char **arguments)
         (void)fprintf(stderr, "%s: %s\n", arguments[1], strerror(code));
         return 1;
     }
-    code = nanosat_files(&port, arguments[2], arguments[3],
-                         uio != NULL ? CORE_TIMEOUT_US : REMOTE_TIMEOUT_US, false);
+    code = nanosat_files(&port, arguments[2], arguments[3], UKF_DEFAULT_TIMEOUT_US, false);
     if (uio != NULL) {
         ukf_uio_close(&device);
     } else {
