@@ -197,9 +197,9 @@ def test_numerics_take_what_a_scenario_has(name, steps):
 
 
 def test_numerics_say_where_a_core_stops():
-    # The covariance form of CTRV in bfloat16 meets a pivot that is not positive.
-    measured = numerics.measure_formats("ctrv", 30)
-    stopped = str(measured[numerics.Form.COVARIANCE, "bfloat16"])
-    assert stopped.startswith("stops at ")
-    assert "NotPositiveDefinite" in stopped
+    # In the covariance form bfloat16 leaves rounding noise of the nanosatellite's observations.
+    measured = numerics.measure_formats("nanosat", 10)
+    assert str(measured[numerics.Form.COVARIANCE, "bfloat16"]).startswith(
+        "stops at 0: UPDATE SingularObservation "
+    )
     assert measured[numerics.Form.SQUARE_ROOT, "binary32"].ratio == pytest.approx(1.0, rel=1e-3)

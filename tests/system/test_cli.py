@@ -399,7 +399,7 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("sweep", "--n", 2, "--m", 1, "--clock-mhz", 0), "--clock-mhz must be more than 0, not 0"),
         (("sweep", "--n", 2, "--m", 1, "--multiply-stages", "1-9"), "--multiply-stages must be"),
         (("latency", "--n", 2, "--m", 1, "--w", 1), "No such option: --w"),
-        (("package", "--n", 2, "--m", 1), "Missing option '--board'"),
+        (("package", "--n", 2, "--m", 1), "--board must be given, one of zedboard, pynq-z2"),
     ],
 )
 def test_bad_arguments(ukf, arguments, message):

@@ -113,7 +113,7 @@ def test_icarus_does_everything(core_cache, icarus):
 
 
 def random_core(seed):
-    """Random parameters and pipeline. Form and format go round, so that six have all of them."""
+    """Random parameters and pipeline. Form and format go round."""
     rng = np.random.default_rng(seed)
     n, m = int(rng.integers(1, 6)), int(rng.integers(1, 5))
     noises = [Noise.AUGMENTED, Noise.ADDITIVE]
@@ -176,8 +176,8 @@ def do_everything(cache, seed, rounds):
     check_counts(run_job(job, cache=cache, optimise=False).value, params)
 
 
-# Both forms, and each format once or twice.
-@pytest.mark.parametrize("seed", [0, 3, 4, 7, 8, 11])
+# Both forms, and each usual format once.
+@pytest.mark.parametrize("seed", [3, 4, 7, 10])
 def test_random_core(core_cache, seed):
     do_everything(core_cache, seed, rounds=24)
 

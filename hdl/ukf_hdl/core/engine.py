@@ -246,8 +246,10 @@ class Engine(wiring.Component):
         )
 
         # What is not finite, and what of it does not come of a large innovation.
-        innovation_lane = 1 << self.layout.elimination_rhs % self._params.pes
-        of_innovation = Mux(word.innovation, innovation_lane, 0)
+        lane = self.layout.elimination_rhs % self._params.pes
+        of_innovation = Const(1 << lane, self._params.pes) & word.innovation.replicate(
+            self._params.pes
+        )
         bad_root = is_pivot & ~pivot.is_finite
         not_finite = Signal()
         other = Signal()
