@@ -33,7 +33,7 @@ COMMANDS = {
     "latency": (SMALL, []),
     "new": (["strut"], []),
     "package": ([*SMALL, "--board", "pynq-z2", "--no-check"], ["hdl"]),
-    "report": ([], ["sweep"]),
+    "report": (["--sweep", __file__], ["sweep"]),
     "resources": (SMALL, ["hdl", "synth"]),
     "run": ([*NANOSAT, "--steps", "2"], ["golden"]),
     "run ": ([*NANOSAT, "--steps", "2", "--backend", "reference"], []),

@@ -180,6 +180,7 @@ def three_steps(steps: int) -> Scenario:
 
 
 @pytest.mark.system
+@pytest.mark.slow  # tests/wheel/check.py does it too
 def test_project_works_as_it_is(new, tmp_path, core_cache):
     """Its own tests, and all of its commands; on one compiled core, which is kept."""
     new("strut", "--n", 1, "--m", 1)

@@ -479,7 +479,8 @@ def test_without_waves_nothing_is_other(icarus, tmp_path):
         for words in (None, ["core.memory[1]", "core.memory[2]"])
     )
     assert plain.folder != traced.folder
-    identity = json.loads((plain.folder / "built.json").read_text(encoding="utf-8"))
+    record = json.loads((plain.folder / "built.json").read_text(encoding="utf-8"))
+    identity = record["identity"]
     assert "waves" not in identity
     assert identity["flags"] == [*icarus.tool.cocotb_flags, *icarus.tool.flags, "", ""]
     assert not (plain.folder / "waves.v").exists()

@@ -239,7 +239,7 @@ class Engine(wiring.Component):
         in_use = Cat(1, run.observation_mask).bit_select(word.row, 1)
         square_root = Const(self._params.form is Form.SQUARE_ROOT, 1)
         zero_is_legal = Mux(is_observation, ~in_use, square_root)
-        is_noise = is_observation & ~pivot.is_zero & (pivot.exponent < noise)
+        is_noise = is_observation & ~pivot.is_zero & pivot.is_finite & (pivot.exponent < noise)
         bad_pivot = Signal()
         m.d.comb += bad_pivot.eq(
             is_pivot & (~(is_positive | pivot.is_zero & zero_is_legal) | is_noise)
