@@ -90,6 +90,7 @@ def test_bus_latency(core_cache):
         assert each.clocks >= each.bus_clocks + found.cycles["UPDATE"]
 
 
+@pytest.mark.slow
 def test_additive_noise(core_cache):
     params = replace(NANOSAT_ADDITIVE, pes=3)
     found = run_core(core_cache, params, name="nanosat-additive", steps=2)
