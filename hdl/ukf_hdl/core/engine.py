@@ -199,9 +199,7 @@ class Engine(wiring.Component):
         with m.If(exponent.shift_left(1) > margin):
             m.d.comb += limit.eq(exponent.shift_left(1) - margin)
 
-        m.submodules.limits = limits = Memory(
-            shape=limit.shape(), depth=max(params.m + 1, 2), init=[]
-        )
+        m.submodules.limits = limits = Memory(shape=limit.shape(), depth=params.m + 1, init=[])
         read = limits.read_port(domain="comb")
         write = limits.write_port()
         seen = Signal(params.m + 1)
@@ -293,7 +291,8 @@ class Engine(wiring.Component):
             shape=unsigned(self._params.format.width), depth=max(self._code.scalars, 2), init=[]
         )
         m.submodules.scalar_file = scalar_file
-        # Read without a clock, so distributed memory; its register is the memories' read clock.
+        # Read without a clock; the register behind it is the memories' read clock, so a tool may
+        # also take a block memory.
         read = scalar_file.read_port(domain="comb")
         write = scalar_file.write_port()
         m.d.comb += [
