@@ -11,6 +11,10 @@ from ukf_sim.simulators import SimulatorError, tool_environment
 
 __all__ = ["run_cocotb"]
 
+#: cocotb has pytest rewrite the assertions of every module that the simulator's process imports,
+#: of NumPy and Numba as well, which takes longer than a short simulation. Empty: of none.
+NO_REWRITING = {"COCOTB_REWRITE_ASSERTION_FILES": ""}
+
 
 def run_cocotb(
     compiled: Build,
@@ -61,7 +65,7 @@ def run_cocotb(
                 build_dir=compiled.folder,
                 test_dir=folder,
                 results_xml=str(results),
-                extra_env=dict(environment or {}),
+                extra_env=NO_REWRITING | dict(environment or {}),
                 seed=seed,
                 log_file=log,
                 test_args=options.first if options else (),
