@@ -244,8 +244,10 @@ class LockstepBus:
             self.device.sleep(8)
         self._catch_up()
 
-    def step_clocks(self, step: Step) -> int:
+    def step_clocks(self, step: Step, sensor: int = 0) -> int:
         """Clocks that a step would take, as the model stands; 0 if it ends at once.
+
+        An UPDATE is that of a sensor.
 
         Raises
         ------
@@ -255,9 +257,11 @@ class LockstepBus:
         way = find_way(step, self.golden.flags)
         if way is None:
             raise ValueError(f"step must be legal in this state of the core, not {step.name}")
-        return 0 if way.program is None else self._code.clocks(way.program)
+        if way.program is None:
+            return 0
+        return self._code.clocks(way.program, sensor if step is Step.UPDATE else 0)
 
-    def abort(self, step: Step, clocks: int) -> int:
+    def abort(self, step: Step, clocks: int, sensor: int = 0) -> int:
         """Start a step, and write RESET some clocks later.
 
         Parameters
@@ -266,6 +270,8 @@ class LockstepBus:
             Step to start.
         clocks
             How long to wait between the writes.
+        sensor
+            Whose, if it is an UPDATE.
 
         Returns
         -------
@@ -273,13 +279,14 @@ class LockstepBus:
             Clocks from the start to the reset.
         """
         control = CONTROL.offset
-        start = self.access(Request(control, _ENABLE | CONTROL[step.name].mask))
+        chosen = CONTROL["SENSOR"].put(sensor)
+        start = self.access(Request(control, _ENABLE | CONTROL[step.name].mask | chosen))
         self.device.sleep(clocks)
         request = Request(control, _ENABLE | CONTROL["RESET"].mask)
         (stop,) = self.device.transfer([request])
         passed = stop.clock - start.clock
         if self.golden.busy:
-            if passed > self.step_clocks(step):
+            if passed > self.step_clocks(step, sensor):
                 self.golden.finish()
             else:
                 # The word of the clock after the reset is the last one that is executed; the

@@ -164,10 +164,13 @@ class Signals:
 
     def _control(self) -> Iterator[Group]:
         address = MemoryMap(self._code.params).address_width
+        width = (len(self._code.params.sensor_rows) - 1).bit_length()
+        sensor = [Signal("sensor", _CONTROL, "run__sensor", width)] if width else []
         yield Group("steps", (
             Signal("clock", _TOP, "aclk"),
             Signal("step", _CONTROL, "state", (len(Step) - 1).bit_length(), "step"),
             Signal("program", _CONTROL, "run__program", (len(Program) - 1).bit_length(), "program"),
+            *sensor,
             Signal("start", _CONTROL, "run__start"),
             Signal("done", _CONTROL, "run__done"),
             Signal("error", _CONTROL, "error_code", 8, "error"),

@@ -65,7 +65,7 @@ class Backend(Protocol):
         ...
 
     def initialise(self, x: Array, P: Array, Q: Array, R: Array) -> None:
-        """Start from an estimate."""
+        """Start from an estimate. R has the blocks of the sensors on its diagonal."""
         ...
 
     def set_state(self, x: Array) -> None:
@@ -111,8 +111,10 @@ class Backend(Protocol):
         """Predict from the points sent through f; gives them back as the backend holds them."""
         ...
 
-    def update(self, points: Array, z: Array, mask: Mask) -> tuple[float, bool]:
-        """Update from the points sent through h; gives the NIS and whether it was gated."""
+    def update(
+        self, points: Array, z: Array, mask: Mask, sensor: int = 0
+    ) -> tuple[float, bool]:
+        """Update from the points sent through the h of a sensor; gives the NIS, and if gated."""
         ...
 
     def state(self) -> Array:

@@ -199,7 +199,9 @@ class ReferenceUkf:
         self._estimate = _Estimate(x, P, None, points, residuals, (before.x, before.P))
         return points
 
-    def update(self, points: Array, z: Array, mask: NDArray[np.bool_]) -> tuple[float, bool]:
+    def update(
+        self, points: Array, z: Array, mask: NDArray[np.bool_], sensor: int = 0
+    ) -> tuple[float, bool]:
         """Update from the observations of the sigma points (equations 13 to 18).
 
         Directly after a predict the residuals of that predict are used; otherwise those of the
@@ -208,11 +210,13 @@ class ReferenceUkf:
         Parameters
         ----------
         points
-            Observations of the sigma points, shape (m, N).
+            What a sensor sees of the sigma points, shape (rows, N).
         z
-            Observation, shape (m,).
+            Its observation, shape (rows,).
         mask
-            Which rows were sampled, shape (m,); the others are left out.
+            Which rows were sampled, shape (rows,); the others are left out.
+        sensor
+            Which sensor.
 
         Returns
         -------
@@ -237,11 +241,12 @@ class ReferenceUkf:
             z_mean = points @ self._weights
             innovation = innovation - z_mean
             observed = points - z_mean[:, None]
-            S = (observed * self._weights) @ observed.T + self._additive_R()[np.ix_(mask, mask)]
+            R = self._additive_R(sensor)[np.ix_(mask, mask)]
+            S = (observed * self._weights) @ observed.T + R
             Pxz = (residuals * self._weights) @ observed.T
         if not (np.isfinite(S).all() and np.isfinite(Pxz).all() and np.isfinite(innovation).all()):
             raise NotFiniteError(Step.UPDATE)
-        self._check_regular(S, mask)
+        self._check_regular(S, self._params.rows_of(sensor).start + np.flatnonzero(mask))
         solved = np.linalg.solve(S, np.column_stack((Pxz.T, innovation)))
         K = solved[:, :-1].T
         with np.errstate(over="ignore", invalid="ignore"):
@@ -261,13 +266,15 @@ class ReferenceUkf:
         p = self._params
         return self._noise[0] if p.additive_q else np.zeros((p.n, p.n))
 
-    def _additive_R(self) -> Array:
-        """Observation noise to add to S, shape (m, m); zero for augmented noise."""
-        p = self._params
-        return self._noise[1] if p.additive_r else np.zeros((p.m, p.m))
+    def _additive_R(self, sensor: int) -> Array:
+        """Noise of a sensor to add to S, shape (rows, rows); zero for augmented noise."""
+        rows = self._params.rows_of(sensor)
+        if not self._params.additive_r:
+            return np.zeros((len(rows), len(rows)))
+        return self._noise[1][rows.start : rows.stop, rows.start : rows.stop]
 
-    def _check_regular(self, S: Array, mask: NDArray[np.bool_]) -> None:
-        """Raise if S has a pivot that is not positive; name its row before masking."""
+    def _check_regular(self, S: Array, numbers: NDArray[np.int_]) -> None:
+        """Raise if S has a pivot that is not positive; with the number of its row."""
         limits = ZERO_PIVOT * len(S) * np.diag(S)
         try:
             pivots = np.diag(np.linalg.cholesky(S)) ** 2
@@ -279,7 +286,7 @@ class ReferenceUkf:
             while row < len(S) - 1 and remainder[row, row] > limits[row]:
                 remainder -= np.outer(remainder[row], remainder[row]) / remainder[row, row]
                 row += 1
-        raise SingularObservationError(Step.UPDATE, int(np.flatnonzero(mask)[row]))
+        raise SingularObservationError(Step.UPDATE, int(numbers[row]))
 
     def state(self) -> Array:
         """Estimate x, shape (n,)."""

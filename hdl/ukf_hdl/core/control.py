@@ -187,7 +187,7 @@ class Control(wiring.Component):
                     return csr.Field(csr.action.R, field.width)
                 case Access.RW:
                     return csr.Field(StrobedRW, field.width, init=reset)
-                case Access.W1S:
+                case Access.W1S | Access.WO:
                     return csr.Field(csr.action.W, field.width)
                 case Access.RW1C:
                     return csr.Field(MonitorPending, field.width)
@@ -263,10 +263,12 @@ class Control(wiring.Component):
 
         # Judgement of a start.
         way = self._elaborate_ways(m, starts, flags)
+        sensor = control.SENSOR.w_data
+        is_there = (way.step != Step.UPDATE) | (sensor < len(self._params.sensor_rows))
         launch = Signal()
         refuse = Signal()
         m.d.comb += [
-            launch.eq(any_start & way.legal & control.ENABLE.next & ~self.busy),
+            launch.eq(any_start & way.legal & is_there & control.ENABLE.next & ~self.busy),
             refuse.eq(any_start & ~launch),
         ]
 
@@ -292,6 +294,7 @@ class Control(wiring.Component):
                 m.d.sync += [
                     state.eq(way.step),
                     self.run.program.eq(way.program),
+                    self.run.sensor.eq(Mux(way.step == Step.UPDATE, sensor, 0)),
                     self.run.observation_mask.eq(fields["MASK"].VALUE.data),
                     self.run.start.eq(1),
                 ]

@@ -111,6 +111,7 @@ class Engine(wiring.Component):
         m.d.comb += [
             sequencer.start.eq(self.run.start),
             sequencer.program.eq(self.run.program),
+            sequencer.sensor.eq(self.run.sensor),
             sequencer.stop.eq(self.run.stop),
             self.busy.eq(sequencer.busy),
             self.run.done.eq(sequencer.done),

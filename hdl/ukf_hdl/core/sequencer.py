@@ -32,6 +32,8 @@ class Sequencer(wiring.Component):
         Start of a program.
     program : :py:`In(Program)`
         Which one; valid with :py:`start`.
+    sensor : :py:`In(range(...))`
+        Whose, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
     stop : :py:`In(1)`
         End it.
     word : :py:`Out(StructLayout)`
@@ -47,6 +49,7 @@ class Sequencer(wiring.Component):
         super().__init__({
             "start":   In(1),
             "program": In(range(len(Program))),
+            "sensor":  In(range(len(microcode.params.sensor_rows))),
             "stop":    In(1),
             "word":    Out(word_layout(microcode.format.fields.values())),
             "busy":    Out(1),
@@ -70,6 +73,7 @@ class Sequencer(wiring.Component):
             m.d.comb += [
                 unpacker.start.eq(self.start),
                 unpacker.program.eq(self.program),
+                unpacker.sensor.eq(self.sensor),
                 unpacker.run.eq(running),
             ]
             for name in half.fields:

@@ -22,6 +22,8 @@ class RunSignature(wiring.Signature):
         High for one clock to run a program.
     program : :py:`Out(Program)`
         Which one; valid with :py:`start`.
+    sensor : :py:`Out(range(len(params.sensor_rows)))`
+        Whose, if it is an update; else 0. Valid with :py:`start`.
     stop : :py:`Out(1)`
         High for one clock to drop the program that runs.
     observation_mask : :py:`Out(params.m)`
@@ -40,6 +42,7 @@ class RunSignature(wiring.Signature):
         super().__init__({
             "start":               Out(1),
             "program":             Out(Program),
+            "sensor":              Out(range(len(params.sensor_rows))),
             "stop":                Out(1),
             "observation_mask":    Out(params.m),
             "done":                In(1),

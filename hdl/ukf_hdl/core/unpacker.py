@@ -1,6 +1,6 @@
 """Unpacker: one word a clock from the packets of a program memory."""
 
-from amaranth import Module, Mux, Signal, unsigned
+from amaranth import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -36,6 +36,8 @@ class Unpacker(wiring.Component):
         Start of a program.
     program : :py:`In(Program)`
         Which one; valid with :py:`start`.
+    sensor : :py:`In(range(...))`
+        Whose, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
     run : :py:`In(1)`
         The next word is taken. High from the clock after the start until the program ends.
     word : :py:`Out(StructLayout)`
@@ -44,9 +46,11 @@ class Unpacker(wiring.Component):
 
     def __init__(self, stream):
         self._stream = stream
+        sensors = 1 + max(routine.sensor for routine in stream.entry)
         super().__init__({
             "start":   In(1),
             "program": In(range(len(Program))),
+            "sensor":  In(range(sensors)),
             "run":     In(1),
             "word":    Out(word_layout(stream.format.fields)),
         })  # fmt: skip
@@ -76,10 +80,10 @@ class Unpacker(wiring.Component):
         fetch = Signal()
         following = Signal(range(len(packets) + 2))  # address after that of the last fetch
         with m.If(self.start):
-            with m.Switch(self.program):
-                for program in Program:
-                    with m.Case(program):
-                        m.d.comb += port.addr.eq(self._stream.entry[program])
+            with m.Switch(Cat(self.program, self.sensor)):
+                for routine, entry in self._stream.entry.items():
+                    with m.Case(routine.sensor << len(self.program) | routine.program):
+                        m.d.comb += port.addr.eq(entry)
         with m.Else():
             m.d.comb += port.addr.eq(following)
         m.d.comb += [fetch.eq(self.run & ~repeat), port.en.eq(self.start | fetch)]

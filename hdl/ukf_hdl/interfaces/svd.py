@@ -12,6 +12,7 @@ __all__ = ["svd"]
 ACCESS = {
     "ro": {"access": "read-only"},
     "rw": {"access": "read-write", "modifiedWriteValues": "modify"},
+    "wo": {"access": "write-only"},
     "w1s": {"access": "write-only", "modifiedWriteValues": "oneToSet"},
     "rw1c": {"access": "read-write", "modifiedWriteValues": "oneToClear"},
 }

@@ -49,6 +49,7 @@ Array = NDArray[np.float64]
 ENABLE = CONTROL["ENABLE"].mask
 RESET = CONTROL["RESET"].mask
 START = {step: ENABLE | CONTROL[step.name].mask for step in STEPS}
+SENSOR = CONTROL["SENSOR"]
 DONE = {step: STATUS[step.name].mask for step in START}
 STATE = STATUS["STATE"].mask
 INITIALISED = STATUS["INITIALISED"].mask
@@ -180,11 +181,18 @@ class Driver:
         self.words_read = self.words_written = 0
         self.control_reads = self.control_writes = 0
 
-        n, m, N = params.n, params.m, params.N
+        n, N = params.n, params.N
         self._x_addresses = self._addresses("x", 1, n)
         self._X_read = self._addresses("X", n, n + 2)
         self._X_write = self._addresses("X", n, N)
-        self._Z_write = np.concatenate((self._addresses("Z", m, N), self._addresses("z", m, 1)))
+        #: Of each sensor, its rows of Z and of z.
+        self._Z_write = [
+            np.concatenate((
+                self._addresses("Z", len(rows), N, first_row=rows.start),
+                self._addresses("z", len(rows), 1, first_row=rows.start),
+            ))
+            for rows in map(params.rows_of, range(len(params.sensor_rows)))
+        ]
 
         #: The step that may have been started and may have ended.
         self._step: Step | None = None
@@ -247,13 +255,15 @@ class Driver:
         for address, word in zip(addresses.tolist(), words.tolist(), strict=True):
             self._bus.write(address, word)
 
-    def _addresses(self, symbol: str, rows: int, columns: int) -> Addresses:
-        """Word addresses of the upper left part of a region, row by row."""
+    def _addresses(
+        self, symbol: str, rows: int, columns: int, *, first_row: int = 0
+    ) -> Addresses:
+        """Word addresses of the left part of rows of a region, row by row."""
         size = self._params.format.bus_words
         return np.array(
             [
                 self._map.address(symbol, row, column) + 4 * word
-                for row in range(rows)
+                for row in range(first_row, first_row + rows)
                 for column in range(columns)
                 for word in range(size)
             ],
@@ -269,10 +279,16 @@ class Driver:
         self._write_many(addresses, words)
         self.words_written += len(addresses)
 
-    def _write_matrix(self, symbol: str, words: Words) -> None:
+    def _write_matrix(self, symbol: str, words: Words, before: Words | None = None) -> None:
+        """Write a region; if it is known what is there, only the rows that differ."""
         if words.size:
             region = self._map[symbol]
-            self._write(self._addresses(symbol, region.rows, region.columns), words)
+            new = words.reshape(region.rows, -1)
+            changed = np.ones(region.rows, dtype=np.bool_)
+            if before is not None:
+                changed = (new != before.reshape(region.rows, -1)).any(axis=1)
+            addresses = self._addresses(symbol, region.rows, region.columns)
+            self._write(addresses.reshape(new.shape)[changed].reshape(-1), new[changed].reshape(-1))
 
     def _words(self, name: str, values: Array) -> Words:
         """Round numbers to words.
@@ -293,6 +309,18 @@ class Driver:
 
     def _factor_words(self, name: str, covariance: Array) -> Words:
         return self._words(f"factor of {name}", lower_factor(covariance))
+
+    def _noise_words(self, Q: Array, R: Array) -> tuple[Words, Words]:
+        """Words of the factors of Q and of R, as their regions hold them."""
+        p, factor = self._params, lower_factor(R)
+        if p.additive_r:
+            # One sensor's below the other's, each from column 0 on.
+            blocks, factor = factor, np.zeros((p.r, p.columns_of_r))
+            for sensor in range(len(p.sensor_rows)):
+                rows = p.rows_of(sensor)
+                own = slice(rows.start, rows.stop)
+                factor[own, : len(rows)] = blocks[own, own]
+        return self._factor_words("Q", Q), self._words("factor of R", factor)
 
     @property
     def traffic(self) -> Traffic:
@@ -329,10 +357,10 @@ class Driver:
         self._write_register(INTERRUPT_PENDING, EVENTS)
         self._write_register(INTERRUPT_ENABLE, EVENTS if self._interrupt is not None else 0)
 
-    def _run(self, step: Step) -> int:
+    def _run(self, step: Step, sensor: int = 0) -> int:
         """Run a step; gives STATUS after it, raises what ERROR says."""
         self._step = step
-        self._write_register(CONTROL, START[step])
+        self._write_register(CONTROL, START[step] | SENSOR.put(sensor))
         status = self._wait(self._interrupt)
         if status & STATE:
             running = STATUS["STATE"].get(status)
@@ -476,8 +504,7 @@ class Driver:
             self._initialise,
             self._words("x", x),
             self._factor_words("P", P),
-            self._factor_words("Q", Q),
-            self._factor_words("R", R),
+            *self._noise_words(Q, R),
         )
 
     def _initialise(self, x: Words, L: Words, LQ: Words, LR: Words) -> None:
@@ -531,13 +558,13 @@ class Driver:
         StepError
             If a step fails. The noise is as before then.
         """
-        factors = self._factor_words("Q", Q), self._factor_words("R", R)
+        factors = self._noise_words(Q, R)
         self.redraw()  # INIT would forget a prediction that has not been factorised
         self._certainty.assign(self._set_noise, *factors)
 
     def _set_noise(self, LQ: Words, LR: Words) -> None:
         try:
-            self._write_noise(LQ, LR)
+            self._write_noise(LQ, LR, before=self._noise)
             self._ensure_initialised()
         except REFUSALS:
             if self._noise is not None:
@@ -546,10 +573,14 @@ class Driver:
             raise
         self._noise = LQ, LR
 
-    def _write_noise(self, LQ: Words, LR: Words) -> None:
+    def _write_noise(
+        self, LQ: Words, LR: Words, before: tuple[Words, Words] | None = None
+    ) -> None:
+        """Write the factors; of those that are there, `before`, only the rows that differ."""
         self._initialised = False
-        self._write_matrix("LQ", LQ)
-        self._write_matrix("LR", LR)
+        there = (None, None) if before is None else before
+        self._write_matrix("LQ", LQ, there[0])
+        self._write_matrix("LR", LR, there[1])
 
     def set_gate(self, gate: float) -> None:
         """Write the gate; infinity is off. What is finite stays so, at the format's largest."""
@@ -648,17 +679,21 @@ class Driver:
                 raise
         return given
 
-    def update(self, points: Array, z: Array, mask: NDArray[np.bool_]) -> tuple[float, bool]:
-        """Write observations of the sigma points and z, and run UPDATE.
+    def update(
+        self, points: Array, z: Array, mask: NDArray[np.bool_], sensor: int = 0
+    ) -> tuple[float, bool]:
+        """Write what a sensor sees of the sigma points, and z, and run its UPDATE.
 
         Parameters
         ----------
         points
-            Shape (m, N).
+            Shape (rows, N).
         z
-            Shape (m,).
+            Shape (rows,).
         mask
-            Which rows were sampled, shape (m,).
+            Which rows were sampled, shape (rows,).
+        sensor
+            Which sensor.
 
         Returns
         -------
@@ -673,15 +708,19 @@ class Driver:
             If the step fails.
         """
         words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
-        bits = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
+        sampled = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
+        rows = self._params.rows_of(sensor)
+        own = (1 << rows.stop) - (1 << rows.start)
+        before = (1 << self._params.m) - 1 if self._mask is None else self._mask
+        bits = before & ~own | sampled << rows.start
         with self._certainty:
             self._ensure_initialised()
-            self._write(self._Z_write, words)
+            self._write(self._Z_write[sensor], words)
             if bits != self._mask:
                 self._mask = None
                 self._write_register(MASK, bits)
                 self._mask = bits
-            gated = bool(self._run(Step.UPDATE) & GATED)
+            gated = bool(self._run(Step.UPDATE, sensor) & GATED)
             if not gated:
                 self._x = self._before = self._predicted = None
             found = [self._read_register(NIS_LOW)]

@@ -112,9 +112,9 @@ def word_of(word: Mapping[str, int], address: str, bank: str) -> Word:
 class _Words:
     """Words of a program, of which fields are taken until none is left."""
 
-    def __init__(self, code: Microcode, program: Program) -> None:
+    def __init__(self, code: Microcode, program: Program, sensor: int) -> None:
         self._code = code
-        self._fields = [fields_of(code, word) for word in code.words_of(program)]
+        self._fields = [fields_of(code, word) for word in code.words_of(program, sensor)]
 
     def __len__(self) -> int:
         return len(self._fields)
@@ -150,15 +150,15 @@ class _Words:
         return sets[number]
 
 
-def disassemble(code: Microcode, program: Program) -> list[Instruction]:
+def disassemble(code: Microcode, program: Program, sensor: int = 0) -> list[Instruction]:
     """Find the operations of a program in its control words.
 
     Parameters
     ----------
     code
         Programs of a core.
-    program
-        Which one.
+    program, sensor
+        Which one, and whose.
 
     Returns
     -------
@@ -170,7 +170,7 @@ def disassemble(code: Microcode, program: Program) -> list[Instruction]:
     DisassemblyError
         If the words are no program.
     """
-    words = _Words(code, program)
+    words = _Words(code, program, sensor)
     found: list[Instruction] = []
     for clock in range(len(words)):
         # What an earlier operation has read on this clock is taken already.

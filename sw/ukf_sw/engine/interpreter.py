@@ -29,7 +29,7 @@ from ukf_sw.engine.programs import RunResult
 from ukf_sw.engine.timing import LOAD_LATENCY
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 __all__ = ["AdderConflictError", "Interpreter"]
 
@@ -315,6 +315,7 @@ class Interpreter:
         self,
         program: Program,
         *,
+        sensor: int = 0,
         mask: int = -1,
         state_bank: int = 0,
         factor_bank: int = 0,
@@ -326,6 +327,8 @@ class Interpreter:
         ----------
         program
             What to execute.
+        sensor
+            Whose, of a program in :data:`ukf_sw.spec.sequence.OF_SENSORS`.
         mask
             Bit i takes observation i into an update.
         state_bank, factor_bank
@@ -338,9 +341,10 @@ class Interpreter:
         AdderConflictError
             If the words use an adder twice on a clock.
         """
+        entry = self.microcode.entry[Routine(program, sensor)]
         state = _State(*_execute(
-            self._words, self.microcode.entry[program], -1 if stop_after is None else stop_after,
-            self._array, self._lane_sets, self.memory.view(np.int64), self._scalars,
+            self._words, entry, -1 if stop_after is None else stop_after, self._array,
+            self._lane_sets, self.memory.view(np.int64), self._scalars,
             mask & (1 << self.params.m) - 1, state_bank, factor_bank, self._parameters,
             self._table,
         ))  # fmt: skip
@@ -350,6 +354,6 @@ class Interpreter:
             error_code=state.error_code,
             error_index=state.error_index,
             nis=state.nis & (1 << self.params.format.width) - 1 if state.has_nis else None,
-            clocks=self.microcode.clocks(program),
+            clocks=self.microcode.clocks(program, sensor),
             innovation_overflow=state.innovation_overflow,
         )

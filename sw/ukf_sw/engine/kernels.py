@@ -139,7 +139,7 @@ def trisolve(
     Parameters
     ----------
     rows
-        All rows, pivots first.
+        All rows, those of the state last.
     roots
         A broadcast word for 1/sqrt of each pivot.
     first, last
@@ -152,7 +152,7 @@ def trisolve(
     factor
         Where to store L_ij, or None.
     pivot_offset
-        Number of rows that come before row 0, for the report of a bad pivot.
+        What the number of row 0 is, for the report of a bad pivot.
     innovation
         Column of the right-hand side, where the pivots are observations; else None.
 
@@ -185,7 +185,7 @@ def trisolve(
                     target, source, roots[j].word(0), lanes, innovation=beat == innovation_beat
                 )
         for i in others:
-            coupling = i if innovation is not None and i < last else None
+            coupling = i + pivot_offset if innovation is not None and i < last else None
             L[i, j] = builder.scale(t[i], roots[j], store=factor(i, j), coupling=coupling)
             kept = changed if gram_schmidt else [(max(a, i), b) for a, b in changed]
             for beat, changing in builder.lanes_by_beat(kept).items():

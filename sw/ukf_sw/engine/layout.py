@@ -98,11 +98,11 @@ class Layout:
 
     def __init__(self, params: UkfParams) -> None:
         self.params = p = params
-        self.sigma = p.additive_r
+        self.sigma = p.columns_of_r
         self.rhs = self.sigma + p.N
         self.columns = self.rhs + 1 + p.additive_q
         #: Column of the right-hand side in a row of the joint covariance.
-        self.joint_rhs = p.m + p.n
+        self.joint_rhs = p.largest_sensor + p.n
         #: Column of the right-hand side in the rows that an update eliminates.
         self.elimination_rhs = self.rhs if p.form is Form.SQUARE_ROOT else self.joint_rhs
         self.address_width = 1
@@ -138,19 +138,21 @@ class Layout:
         self.F = self._vectors("F", p.n, (0, p.n))
         #: Residuals of the prediction, which an update leaves as they are.
         self.Ex = self._vectors("Ex", p.n, full)
-        #: Residuals of the observation.
-        self.Ez = self._vectors("Ez", p.m, to_rhs)
+        #: Residuals of the observations of a sensor; one with fewer has the last rows, so that its
+        #: rows are next to those of the state in the elimination, as are its columns below.
+        self.Ez = self._vectors("Ez", p.largest_sensor, to_rhs)
         joint = (0, self.joint_rhs + 1)
         covariance = p.form is Form.COVARIANCE
         #: Upper rows of the joint covariance of observation and state; those of the state are
         #: the prediction's and an update leaves them as they are.
-        self.Az = self._vectors("Az", p.m if covariance else 0, joint)
+        self.Az = self._vectors("Az", p.largest_sensor if covariance else 0, joint)
         self.Ax = self._vectors("Ax", p.n if covariance else 0, joint)
         #: State rows while they are eliminated.
         self.G = self._vectors("G", p.n, joint if covariance else full)
         #: 1/sqrt of every pivot, the same in every lane.
         self.roots = [
-            self._vector(f"root[{j}]", (0, p.pes), broadcast=True) for j in range(p.m + p.n)
+            self._vector(f"root[{j}]", (0, p.pes), broadcast=True)
+            for j in range(p.largest_sensor + p.n)
         ]
 
         root = unit(p)

@@ -13,18 +13,28 @@ from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
-__all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode"]
+__all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode", "routines"]
 
 #: Clocks of a step beyond those of its program: fetching the first word, noticing the end.
 STEP_OVERHEAD = 3
 
-#: Programs in the order in which they lie in memory. UPDATE_REDRAWN runs on into UPDATE.
-_ORDER = (
-    Program.INIT, Program.SIG_GEN, Program.SIG_GEN_PREDICTED, Program.PREDICT,
-    Program.UPDATE_REDRAWN, Program.UPDATE, Program.COVARIANCE, Program.COVARIANCE_PREDICTED,
-)  # fmt: skip
+
+def routines(params: UkfParams) -> list[Routine]:
+    """Programs of a core in the order in which they lie in memory.
+
+    UPDATE_REDRAWN runs on into UPDATE, so each sensor has its own.
+    """
+    before = (Program.INIT, Program.SIG_GEN, Program.SIG_GEN_PREDICTED, Program.PREDICT)
+    of_sensors = (Program.UPDATE_REDRAWN, Program.UPDATE)
+    behind = (Program.COVARIANCE, Program.COVARIANCE_PREDICTED)
+    sensors = range(len(params.sensor_rows))
+    return [
+        *(Routine(program) for program in before),
+        *(Routine(program, sensor) for sensor in sensors for program in of_sensors),
+        *(Routine(program) for program in behind),
+    ]
 
 
 def allocate_scalars(plan: Schedule) -> dict[Scalar, int]:
@@ -92,7 +102,7 @@ class Microcode:
     ----------
     layout : Layout
     timing : Timing
-    programs : dict of Program to ProgramCode
+    programs : dict of Routine to ProgramCode
     lane_sets : tuple of int
         Sets of lanes, as bit masks, that control words refer to by number.
     scalars : int
@@ -100,7 +110,7 @@ class Microcode:
     format : ControlFormat
     words : list of int
         Control words, one for each clock.
-    entry : dict of Program to int
+    entry : dict of Routine to int
         Index of the first word of each program.
     """
 
@@ -109,10 +119,10 @@ class Microcode:
         self.pipeline = pipeline
         self.layout = Layout(params)
         self.timing = Timing(params.pes, pipeline)
-        self.programs: dict[Program, ProgramCode] = {}
-        for program in _ORDER:
-            plan = schedule(build_program(self.layout, program), self.timing)
-            self.programs[program] = ProgramCode(plan, allocate_scalars(plan))
+        self.programs: dict[Routine, ProgramCode] = {}
+        for routine in routines(params):
+            plan = schedule(build_program(self.layout, *routine), self.timing)
+            self.programs[routine] = ProgramCode(plan, allocate_scalars(plan))
         self.scalars = 1 + max(
             max(code.registers.values(), default=0) for code in self.programs.values()
         )
@@ -133,9 +143,9 @@ class Microcode:
             observations=params.m,
             rows=params.m + params.n,
         )
-        self._encoded = {program: self._encode(code) for program, code in self.programs.items()}
-        for program, words in self._encoded.items():
-            if program is not Program.UPDATE_REDRAWN:
+        self._encoded = {routine: self._encode(code) for routine, code in self.programs.items()}
+        for routine, words in self._encoded.items():
+            if routine.program is not Program.UPDATE_REDRAWN:
                 words[-1] |= self.format.encode({"last": 1})
         self.words = [word for words in self._encoded.values() for word in words]
         lengths = [len(words) for words in self._encoded.values()]
@@ -146,15 +156,15 @@ class Microcode:
         """Contents of the program memories: packets of the words, for each half of them."""
         return {half: PacketStream(self.format, half, self._encoded) for half in (READ, WRITE)}
 
-    def words_of(self, program: Program) -> list[int]:
+    def words_of(self, program: Program, sensor: int = 0) -> list[int]:
         """Give the control words of a program, one for each clock."""
-        return self._encoded[program]
+        return self._encoded[Routine(program, sensor)]
 
-    def clocks(self, program: Program) -> int:
+    def clocks(self, program: Program, sensor: int = 0) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""
-        clocks = self.programs[program].plan.length + STEP_OVERHEAD
+        clocks = self.programs[Routine(program, sensor)].plan.length + STEP_OVERHEAD
         if program is Program.UPDATE_REDRAWN:
-            clocks += self.programs[Program.UPDATE].plan.length
+            clocks += self.programs[Routine(Program.UPDATE, sensor)].plan.length
         return clocks
 
     def _encode(self, code: ProgramCode) -> list[int]:

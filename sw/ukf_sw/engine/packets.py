@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.engine.control_word import ControlField, ControlFormat, Half
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Routine
 
 __all__ = ["COUNT_WIDTH", "DISTANCE_WIDTH", "Packet", "PacketFormat", "PacketStream", "pack"]
 
@@ -167,18 +167,18 @@ class PacketStream:
     ----------
     format : PacketFormat
     packets : list of int
-    entry : dict of Program to int
+    entry : dict of Routine to int
         Address of the first packet of each program.
     """
 
     def __init__(
-        self, control: ControlFormat, half: Half, programs: Mapping[Program, list[int]]
+        self, control: ControlFormat, half: Half, programs: Mapping[Routine, list[int]]
     ) -> None:
         self.format = PacketFormat(control, half)
         self.packets: list[int] = []
-        self.entry: dict[Program, int] = {}
-        for program, words in programs.items():
-            self.entry[program] = len(self.packets)
+        self.entry: dict[Routine, int] = {}
+        for routine, words in programs.items():
+            self.entry[routine] = len(self.packets)
             columns = control.decode(words)
             matrix = np.stack([columns[name] for name in half.fields], axis=1)
             self.packets += [self.format.encode(packet) for packet in pack(matrix, half)]

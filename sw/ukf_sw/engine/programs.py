@@ -43,23 +43,43 @@ class RunResult(NamedTuple):
 
 
 class _Columns:
-    """Sets of columns of a layout."""
+    """Sets of columns of a layout.
 
-    def __init__(self, layout: Layout) -> None:
+    Parameters
+    ----------
+    layout
+        The layout.
+    rows
+        Number of rows of the sensor that is observed: of additive r noise it has as many columns.
+        None is all of them.
+    """
+
+    def __init__(self, layout: Layout, rows: int | None = None) -> None:
         self.sigma: Columns = [(layout.sigma, layout.rhs)]
+        noise = self._observation_noise(layout, layout.sigma if rows is None else rows)
         #: What an observation row has: additive r noise, sigma points, right-hand side.
-        self.observation: Columns = [(0, layout.rhs + 1)]
+        self.observation: Columns = [*noise, (layout.sigma, layout.rhs + 1)]
         #: Its inner products.
-        self.observation_dots: Columns = [(0, layout.rhs)]
+        self.observation_dots: Columns = [*noise, (layout.sigma, layout.rhs)]
         #: Its columns that take a factor.
-        self.observation_scaled: Columns = [(0, layout.sigma + 1)]
+        self.observation_scaled: Columns = [*noise, (layout.sigma, layout.sigma + 1)]
         self.all: Columns = [(0, layout.columns)]
         #: Additive q noise.
         self.process_noise: Columns = [(layout.rhs + 1, layout.columns)]
         #: Columns of state rows that take a factor.
         self.state_scaled: Columns = [(layout.sigma, layout.sigma + 1), *self.process_noise]
         #: Inner products of state rows: all but the right-hand side.
-        self.state_dots: Columns = [(0, layout.rhs), (layout.rhs + 1, layout.columns)]
+        self.state_dots: Columns = [*self.observation_dots, *self.process_noise]
+
+    @staticmethod
+    def _observation_noise(layout: Layout, rows: int) -> Columns:
+        """Columns of additive r noise, and those beside them that share a beat with others.
+
+        The latter are zero, and a beat that moves takes them along.
+        """
+        pes, sigma = layout.params.pes, layout.sigma
+        used = min(-(-rows // pes) * pes, sigma) if sigma else 0
+        return [(0, used), (max(used, sigma - sigma % pes), sigma)]
 
 
 def _no_factor(i: int, j: int) -> None:
@@ -77,11 +97,11 @@ def _store_factor(layout: Layout, first: int) -> Callable[[int, int], tuple[Vect
 
 def _predicted_gram(b: ProgramBuilder) -> None:
     """Covariance form: state rows of the joint covariance, and minus the mean beside them."""
-    layout, n, m = b.layout, b.layout.params.n, b.layout.params.m
+    layout, n, before = b.layout, b.layout.params.n, b.layout.params.largest_sensor
     rows = [Row(vector, vector) for vector in layout.Ex]
     for i in range(n):
         for k in range(i, n):
-            gram(b, rows[i], rows[k], _Columns(layout).state_dots, (layout.Ax[i], m + k))
+            gram(b, rows[i], rows[k], _Columns(layout).state_dots, (layout.Ax[i], before + k))
         b.load(layout.Ex[i], layout.rhs, store=(layout.Ax[i], layout.joint_rhs))
 
 
@@ -92,10 +112,11 @@ def _init(b: ProgramBuilder) -> None:
         b.load(layout.x, i)
         for j in range(i + 1):
             b.load(layout.L[i], j)
-    for symbol, size in (("LQ", p.additive_q), ("LR", p.additive_r)):
-        for i in range(size):
+    lengths_of_r = [1 + k for rows in p.sensor_rows for k in range(rows)] if p.additive_r else []
+    for symbol, lengths in (("LQ", range(1, p.additive_q + 1)), ("LR", lengths_of_r)):
+        for i, length in enumerate(lengths):
             vector, offset = layout.buffer_vector(symbol, i)
-            for j in range(i + 1):
+            for j in range(length):
                 b.load(vector, offset + j)
     first = 0
     for factor, points in ((layout.LQ, layout.W), (layout.LR, layout.V)):
@@ -131,20 +152,22 @@ def _keep_factor(b: ProgramBuilder) -> None:
 
 def _sig_gen_predicted(b: ProgramBuilder) -> None:
     layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
+    before = p.largest_sensor
     state = _load_state(b)
     if p.form is Form.SQUARE_ROOT:
         rows = [Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)]
         factor = trisolve(
-            b, rows, layout.roots[p.m :], 0, p.n,
+            b, rows, layout.roots[before:], 0, p.n,
             pivots=lambda j: (columns.state_dots, columns.state_dots),
             gram_schmidt=True, factor=_store_factor(layout, 0), pivot_offset=p.m,
         )  # fmt: skip
     else:
         joint = trisolve(
-            b, _joint_rows(layout), layout.roots, p.m, p.m + p.n, pivots=_joint_columns(layout),
-            gram_schmidt=False, factor=_store_factor(layout, p.m),
+            b, _joint_rows(layout), layout.roots, before, before + p.n,
+            pivots=_joint_columns(layout), gram_schmidt=False, factor=_store_factor(layout, before),
+            pivot_offset=p.m - before,
         )  # fmt: skip
-        factor = {(i - p.m, j - p.m): value for (i, j), value in joint.items()}
+        factor = {(i - before, j - before): value for (i, j), value in joint.items()}
     _keep_factor(b)
     sig_gen(b, factor, state)
 
@@ -171,12 +194,14 @@ def _update_redrawn(b: ProgramBuilder) -> None:
         _predicted_gram(b)
 
 
-def _residual_columns(layout: Layout) -> Callable[[int], tuple[Columns, Columns]]:
+def _residual_columns(
+    layout: Layout, columns: _Columns
+) -> Callable[[int], tuple[Columns, Columns]]:
     """Columns of the residuals for pivot j: of its inner products, and that it changes."""
-    columns, m = _Columns(layout), layout.params.m
+    before = layout.params.largest_sensor
     observation = (columns.observation_dots, columns.observation)
     state = (columns.state_dots, columns.state_dots)
-    return lambda j: observation if j < m else state
+    return lambda j: observation if j < before else state
 
 
 def _joint_rows(layout: Layout) -> list[Row]:
@@ -188,55 +213,61 @@ def _joint_rows(layout: Layout) -> list[Row]:
 
 def _joint_columns(layout: Layout) -> Callable[[int], tuple[Columns, Columns]]:
     """Columns of the joint covariance that pivot j changes: above the diagonal."""
-    m, rhs = layout.params.m, layout.joint_rhs
-    return lambda j: ([], [(j + 1, rhs + 1 if j < m else rhs)])
+    before, rhs = layout.params.largest_sensor, layout.joint_rhs
+    return lambda j: ([], [(j + 1, rhs + 1 if j < before else rhs)])
 
 
-def _update(b: ProgramBuilder) -> None:
-    layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
-    m, n = p.m, p.n
-    for i, (points, residual) in enumerate(zip(layout.Z, layout.Ez, strict=True)):
+def _update(b: ProgramBuilder, sensor: int) -> None:
+    layout, p = b.layout, b.layout.params
+    observed, n, last = p.rows_of(sensor), p.n, p.largest_sensor
+    columns = _Columns(layout, len(observed))
+    # Rows of the elimination: from `first` on those of the sensor, from `last` on the states.
+    first = last - len(observed)
+    for i, residual in zip(observed, layout.Ez[first:], strict=True):
         mean_residual(
-            b, points, residual, columns.observation, columns.observation_scaled, observation=i
-        )
+            b, layout.Z[i], residual, columns.observation, columns.observation_scaled,
+            observation=i,
+        )  # fmt: skip
 
     if p.form is Form.SQUARE_ROOT:
         rows = [Row(row, row) for row in layout.Ez] + [
             Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)
         ]
-        pivots = _residual_columns(layout)
+        pivots = _residual_columns(layout, columns)
     else:
         z = [Row(row, row) for row in layout.Ez]
         x = [Row(row, row) for row in layout.Ex]
-        for i in range(m):
-            for k in range(i, m):
+        for i in range(first, last):
+            for k in range(i, last):
                 gram(b, z[i], z[k], columns.observation_dots, (layout.Az[i], k))
             for k in range(n):
-                gram(b, z[i], x[k], columns.sigma, (layout.Az[i], m + k))
+                gram(b, z[i], x[k], columns.sigma, (layout.Az[i], last + k))
             b.load(layout.Ez[i], layout.rhs, store=(layout.Az[i], layout.joint_rhs))
         rows, pivots = _joint_rows(layout), _joint_columns(layout)
 
     rhs = layout.elimination_rhs
     gram_schmidt = p.form is Form.SQUARE_ROOT
-    store = _store_factor(layout, m)
     trisolve(
-        b, rows, layout.roots, 0, m, pivots=pivots, gram_schmidt=gram_schmidt, factor=_no_factor,
-        innovation=rhs,
+        b, rows, layout.roots, first, last, pivots=pivots, gram_schmidt=gram_schmidt,
+        factor=_no_factor, pivot_offset=observed.start - first, innovation=rhs,
     )  # fmt: skip
     # The right-hand sides are y in the observation rows and minus the new state in the others.
     beat, lane = divmod(rhs, p.pes)
-    nis = b.dot([(row.word(beat), row.word(beat), 1 << lane) for row in rows[:m]], is_nis=True)
+    nis = b.dot(
+        [(row.word(beat), row.word(beat), 1 << lane) for row in rows[first:last]], is_nis=True
+    )
     b.scale(nis, layout.inverse_weight, is_nis=True)
     state: list[tuple[Scalar, bool]] = []
     for i in range(n):
-        negative = b.load(rows[m + i].vector(beat), rhs)
+        negative = b.load(rows[last + i].vector(beat), rhs)
         b.scale(negative, layout.one, subtract=True, store=(layout.x, i))
         state.append((negative, True))
     L = trisolve(
-        b, rows, layout.roots, m, m + n, pivots=pivots, gram_schmidt=gram_schmidt, factor=store
-    )
+        b, rows, layout.roots, last, last + n, pivots=pivots, gram_schmidt=gram_schmidt,
+        factor=_store_factor(layout, last), pivot_offset=p.m - last,
+    )  # fmt: skip
     _keep_factor(b)
-    sig_gen(b, {(i - m, j - m): value for (i, j), value in L.items()}, state)
+    sig_gen(b, {(i - last, j - last): value for (i, j), value in L.items()}, state)
 
 
 def _covariance(b: ProgramBuilder) -> None:
@@ -259,20 +290,22 @@ def _covariance_predicted(b: ProgramBuilder) -> None:
             b.scale(product, layout.weight, store=(layout.P[i], k))
 
 
-_BUILDERS = {
+_BUILDERS: dict[Program, Callable[[ProgramBuilder], None]] = {
     Program.INIT: _init,
     Program.SIG_GEN: _sig_gen,
     Program.SIG_GEN_PREDICTED: _sig_gen_predicted,
     Program.PREDICT: _predict,
     Program.UPDATE_REDRAWN: _update_redrawn,
-    Program.UPDATE: _update,
     Program.COVARIANCE: _covariance,
     Program.COVARIANCE_PREDICTED: _covariance_predicted,
 }
 
 
-def build_program(layout: Layout, program: Program) -> list[Operation]:
-    """List the operations of a program, in program order."""
+def build_program(layout: Layout, program: Program, sensor: int = 0) -> list[Operation]:
+    """List the operations of a program, in program order; an UPDATE is that of a sensor."""
     builder = ProgramBuilder(layout)
-    _BUILDERS[program](builder)
+    if program is Program.UPDATE:
+        _update(builder, sensor)
+    else:
+        _BUILDERS[program](builder)
     return builder.operations

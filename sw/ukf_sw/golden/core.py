@@ -73,7 +73,7 @@ _STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
 
 #: What a write to CONTROL may change.
 _CHANGING = (
-    "_step", "_program", "_step_mask", "_done", "_error_code", "_error_index", "_gated", "_cycles",
+    "_step", "_program", "_sensor", "_step_mask", "_done", "_error_code", "_error_index", "_gated", "_cycles",
     "_nis", "_interrupt_pending", "flags", "banks",
 )  # fmt: skip
 _what_changes = attrgetter(*_CHANGING)
@@ -94,6 +94,7 @@ class EngineModel(Protocol):
         self,
         program: Program,
         *,
+        sensor: int = 0,
         mask: int = -1,
         state_bank: int = 0,
         factor_bank: int = 0,
@@ -166,6 +167,7 @@ class GoldenCore:
         """Do what RESET does, a running step apart."""
         self._step = Step.IDLE
         self._program: Program | None = None
+        self._sensor = 0
         self._done = 0
         self._error_code = 0
         self._error_index = 0
@@ -348,13 +350,15 @@ class GoldenCore:
             return
         way = find_way(starts[0], self.flags)
         enabled = self._words[CONTROL] & _ENABLE
-        if len(starts) == 1 and enabled and not self.busy and way is not None:
-            self._start(starts[0], way.program)
+        sensor = CONTROL["SENSOR"].get(actions) if starts[0] is Step.UPDATE else 0
+        there = way is not None and sensor < len(self.params.sensor_rows)
+        if len(starts) == 1 and enabled and not self.busy and there:
+            self._start(starts[0], way.program, sensor)
         else:
             self._error_code, self._error_index = int(ErrorCode.ILLEGAL_STEP), 0
             self._signal("ERROR")
 
-    def _start(self, step: Step, program: Program | None) -> None:
+    def _start(self, step: Step, program: Program | None, sensor: int) -> None:
         """Start a step; without a program it ends at once."""
         self._error_code = self._error_index = 0
         self._done &= ~self._done_bit(step)
@@ -365,7 +369,7 @@ class GoldenCore:
             self._done |= self._done_bit(step)
             self._signal("DONE")
             return
-        self._step, self._program = step, program
+        self._step, self._program, self._sensor = step, program, sensor
         self._step_mask = self._words[MASK] & (1 << self.params.m) - 1
         if not self.hold:
             self.finish()
@@ -406,6 +410,7 @@ class GoldenCore:
         assert self._program is not None
         return self.engine.run(
             self._program,
+            sensor=self._sensor,
             mask=self._step_mask,
             state_bank=self.state_bank,
             factor_bank=self.factor_bank,

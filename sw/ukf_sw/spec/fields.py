@@ -25,6 +25,10 @@ _KINDS: dict[type, tuple[str, tuple[type, ...]]] = {
 }
 
 
+#: How a tuple without entries is written.
+NONE = "one"
+
+
 def _as(kind: type[Any], name: str, value: Any) -> Any:
     called, kinds = _KINDS[kind]
     value = value[()] if getattr(value, "shape", None) == () else value
@@ -87,7 +91,7 @@ class Parameter:
     name
         Name of the field.
     kind
-        Type of its values: int, float, bool, an Enum or FloatFormat.
+        Type of its values: int, float, bool, tuple (of ints), an Enum or FloatFormat.
     meaning
         What it is.
     default
@@ -130,10 +134,15 @@ class Parameter:
         """
         if self.kind in _KINDS:
             value = _as(self.kind, self.name, value)
+        elif self.kind is tuple and isinstance(value, (tuple, list)):
+            return tuple(self._in_range(as_int(f"each of {self.name}", each)) for each in value)
         elif isinstance(value, str):
             value = self.read(value)
         elif not isinstance(value, self.kind):
             raise TypeError(f"{self.name} must be a {self.kind.__name__}, not {value!r}")
+        return self._in_range(value)
+
+    def _in_range(self, value: Any) -> Any:
         low, high = self.meaning.low, self.meaning.high
         if (low is not None and value < low) or (high is not None and value > high):
             limits = f"at least {low}" if high is None else f"between {low} and {high}"
@@ -146,6 +155,8 @@ class Parameter:
             return value.value
         if isinstance(value, FloatFormat):
             return value.name
+        if isinstance(value, tuple):
+            return "+".join(map(str, value)) or NONE
         return float(value) if self.kind is float else value
 
     def text(self, value: Any) -> str:
@@ -163,6 +174,11 @@ class Parameter:
         """
         if self.kind is FloatFormat:
             return FloatFormat.from_name(text)
+        if self.kind is tuple:
+            parts = [] if text == NONE else text.split("+")
+            if not all(part.isdecimal() for part in parts):
+                raise ValueError(f"{self.label} must be like 3+3, or {NONE}, not {text!r}")
+            return tuple(map(int, parts))
         if self.kind in (int, float):
             try:
                 return self.kind(text)
@@ -184,7 +200,7 @@ class Parameter:
                 "exponent_bits": value.exponent_bits,
                 "fraction_bits": value.fraction_bits,
             }
-        return self.cell(value)
+        return list(value) if isinstance(value, tuple) else self.cell(value)
 
     def from_record(self, entry: Any) -> Any:
         """Give the value of what :meth:`record` gave."""
@@ -217,7 +233,7 @@ def parameters_of(block: type[Any]) -> dict[str, Parameter]:
             raise TypeError(f"{block.__name__}.{each.name} must have a Meaning")
         parameter = Parameter(
             name=each.name,
-            kind=arguments[0],
+            kind=get_origin(arguments[0]) or arguments[0],
             meaning=arguments[1],
             default=None if each.default is MISSING else each.default,
         )

@@ -70,6 +70,12 @@ class MemoryMap:
             f"SIG_GEN and UPDATE write columns 0 to n + 1 = {p.n + 1} only; the others are to be "
             f"read as column 0. PREDICT takes all {p.N}."
         )
+        factor_of_r = "Lower triangular factor of R."
+        if p.sensors and p.additive_r:
+            factor_of_r = (
+                "Lower triangular factors of the R of each sensor, one below the other; each "
+                "begins in column 0."
+            )
         table = (
             ("X", "state_points", p.n, p.N,
              f"Sigma points of the state, row i is state i. {written}"),
@@ -82,7 +88,7 @@ class MemoryMap:
             ("L", "factor", p.n, p.n, "Lower triangular factor of P: P = L L^T."),
             ("P", "covariance", p.n, p.n, "Covariance, as of the last COVARIANCE step."),
             ("LQ", "process_noise_factor", p.q, p.q, "Lower triangular factor of Q."),
-            ("LR", "observation_noise_factor", p.r, p.r, "Lower triangular factor of R."),
+            ("LR", "observation_noise_factor", p.r, p.columns_of_r or p.r, factor_of_r),
         )  # fmt: skip
         return tuple(
             Region(

@@ -51,6 +51,9 @@ class UkfParams:
     q, r
         Number of process and of observation noise terms, 0 to 32. Of an additive noise there are
         as many as states (observations), or none.
+    sensors
+        Number of observations of each sensor, in the order of their rows. Each sensor has an
+        UPDATE of its own. Empty, the default, is one sensor with all of them.
     process_noise, observation_noise
         How they enter the models.
     W0
@@ -75,6 +78,13 @@ class UkfParams:
     m: Annotated[int, _size("Observations.", low=1)]
     q: Annotated[int, _size("Process noise terms.", low=0)] = 0
     r: Annotated[int, _size("Observation noise terms.", low=0)] = 0
+    sensors: Annotated[
+        tuple[int, ...],
+        Meaning(
+            "Observations of each sensor, as 3+3; one: a single sensor.", low=1, high=MAX_SIZE,
+            words="{label} {value}", problem=True,
+        ),
+    ] = ()
     process_noise: Annotated[Noise, Meaning("How process noise enters.", problem=True)] = (
         Noise.AUGMENTED
     )
@@ -96,6 +106,12 @@ class UkfParams:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        if self.sensors == (self.m,):  # so that equal cores have equal parameters
+            object.__setattr__(self, "sensors", ())
+        if sum(self.sensor_rows) != self.m:
+            raise ValueError(
+                f"sensors must have m = {self.m} observations together, not {self.sensors!r}"
+            )
         if not 0.0 <= self.W0 < 1.0:
             raise ValueError(f"W0 must be at least 0 and less than 1, not {self.W0!r}")
         smallest = self.format.min_normal
@@ -114,6 +130,21 @@ class UkfParams:
             )
 
     @property
+    def sensor_rows(self) -> tuple[int, ...]:
+        """Number of observations of each sensor, also where there is one."""
+        return self.sensors or (self.m,)
+
+    @property
+    def largest_sensor(self) -> int:
+        """Number of observations of the sensor that has most."""
+        return max(self.sensor_rows)
+
+    def rows_of(self, sensor: int) -> range:
+        """Rows of the observations of a sensor."""
+        first = sum(self.sensor_rows[:sensor])
+        return range(first, first + self.sensor_rows[sensor])
+
+    @property
     def augmented_q(self) -> int:
         """Process noise terms that have sigma points."""
         return self.q if self.process_noise is Noise.AUGMENTED else 0
@@ -130,8 +161,13 @@ class UkfParams:
 
     @property
     def additive_r(self) -> int:
-        """Observation noise terms that stand as columns beside the sigma points."""
+        """Observation noise terms that are added to the observations."""
         return self.r - self.augmented_r
+
+    @property
+    def columns_of_r(self) -> int:
+        """Columns of additive observation noise beside the sigma points; sensors share them."""
+        return self.largest_sensor if self.additive_r else 0
 
     @property
     def M(self) -> int:
@@ -151,7 +187,7 @@ class UkfParams:
     @property
     def columns(self) -> int:
         """Number of columns of the residual matrix E: sigma points and additive noise terms."""
-        return self.N + self.additive_q + self.additive_r
+        return self.N + self.additive_q + self.columns_of_r
 
 
 @dataclass(frozen=True, kw_only=True)

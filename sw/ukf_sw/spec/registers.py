@@ -11,12 +11,12 @@ from ukf_sw.spec.sequence import STEPS
 __all__ = [
     "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID", "IDENTITY",
     "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
-    "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field", "Register",
+    "SENSORS", "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field", "Register",
 ]  # fmt: skip
 
 DATA_WIDTH = 32
 MAGIC = 0x554B  #: "UK"
-VERSION = 3  #: Revision of this map.
+VERSION = 4  #: Revision of this map.
 
 
 class ErrorCode(IntEnum):
@@ -45,6 +45,7 @@ class Access(Enum):
 
     RO = "ro"  #: Read only.
     RW = "rw"  #: Read and write.
+    WO = "wo"  #: Belongs to the write that it is part of; reads as 0.
     W1S = "w1s"  #: Writing 1 starts an action; reads as 0.
     RW1C = "rw1c"  #: Set by hardware; writing 1 clears it.
 
@@ -225,6 +226,8 @@ CONTROL = Register(
               doc="Drop a running step and forget INIT; x and L keep their last good values. "
                   "Wins over a start bit of the same write."),
         *_steps(8, Access.W1S, "Start {}."),
+        Field(name="SENSOR", lsb=16, width=5, access=Access.WO,
+              doc="Sensor, from 0, whose UPDATE the start bit of the same write starts."),
     ),
 )  # fmt: skip
 STATUS = Register(
@@ -307,10 +310,14 @@ W0_LOW = _identifying_word(
     lambda p: _bits_of(p.W0) & 0xFFFF_FFFF,
 )  # fmt: skip
 W0_HIGH = _identifying_word("W0_HIGH", 0x3C, "Its upper half.", lambda p: _bits_of(p.W0) >> 32)
+SENSORS = _identifying_word(
+    "SENSORS", 0x40, "Bit i: observation i is the first one of a sensor.",
+    lambda p: sum(1 << p.rows_of(sensor).start for sensor in range(len(p.sensor_rows))),
+)  # fmt: skip
 
 REGISTERS = (
     ID, SIZES, CONFIG, CONTROL, STATUS, ERROR, INTERRUPT_ENABLE, INTERRUPT_PENDING, CYCLES, MASK,
-    NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH, W0_LOW, W0_HIGH,
+    NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH, W0_LOW, W0_HIGH, SENSORS,
 )  # fmt: skip
 #: Registers that say which core this is; they never change.
 IDENTITY = tuple(register for register in REGISTERS if register.is_fixed)

@@ -10,10 +10,11 @@ first of its ways whose flag is set, and is illegal if there is none.
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import NamedTuple
 
 __all__ = [
-    "ENDINGS", "NO_BANK", "NO_FLAG", "STEPS", "WAYS", "Bank", "Change", "Ending", "Flag", "Program",
-    "Step", "Way", "find_way",
+    "ENDINGS", "NO_BANK", "NO_FLAG", "OF_SENSORS", "STEPS", "WAYS", "Bank", "Change", "Ending",
+    "Flag", "Program", "Routine", "Step", "Way", "find_way",
 ]  # fmt: skip
 
 
@@ -43,6 +44,25 @@ class Program(IntEnum):
     UPDATE = 5  #: x, L and the next X from Z and z.
     COVARIANCE = 6  #: P from L.
     COVARIANCE_PREDICTED = 7  #: P from the predicted residuals.
+
+
+#: Programs of which each sensor has its own.
+OF_SENSORS = frozenset({Program.UPDATE_REDRAWN, Program.UPDATE})
+
+
+class Routine(NamedTuple):
+    """A program as it stands in the memory of a core.
+
+    Parameters
+    ----------
+    program
+        Which one.
+    sensor
+        Whose it is; 0 of a program that is not in :data:`OF_SENSORS`.
+    """
+
+    program: Program
+    sensor: int = 0
 
 
 class Flag(IntFlag):
