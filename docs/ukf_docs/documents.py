@@ -21,7 +21,7 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.mnemonics import Mnemonics
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 from ukf_tools.design_report import paper_2018
 from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
 
@@ -76,7 +76,7 @@ def _listing() -> str:
     """A short program, disassembled."""
     code = microcode(UkfParams(n=2, m=1, pes=2), Pipeline())
     found = disassemble(code, Program.PREDICT)
-    return f"```text\n{Mnemonics(code).listing(Program.PREDICT, found)}\n```"
+    return f"```text\n{Mnemonics(code).listing(Routine(Program.PREDICT), found)}\n```"
 
 
 #: Functions that make sections, by document and name of the section.

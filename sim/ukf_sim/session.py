@@ -19,7 +19,6 @@ from ukf_sw.extras import require
 from ukf_sw.folders import check_folder
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
 
 if TYPE_CHECKING:
     from ukf_sim.bus import CoreBench
@@ -110,7 +109,7 @@ def step_timeout(params: UkfParams, pipeline: Pipeline, word_clocks: float = 0.0
     from ukf_sim.bus import CLOCK_HZ
 
     code = microcode(params, pipeline)
-    longest = max(code.clocks(program) for program in Program)
+    longest = max(code.clocks(*routine) for routine in code.programs)
     return (2 * longest + 1000 + 100 * word_clocks) / CLOCK_HZ
 
 

@@ -13,6 +13,7 @@ from ukf_sw.spec.sequence import Program
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),
     pytest.param(UkfParams(n=3, m=2, q=3, r=2), Pipeline(), id="one"),
+    pytest.param(UkfParams(n=2, m=4, sensors=(1, 2, 1)), Pipeline(), id="three sensors"),
     pytest.param(
         UkfParams(
             n=4, m=3, process_noise=Noise.ADDITIVE, form=Form.COVARIANCE, q=4, r=3, pes=3
@@ -23,9 +24,9 @@ CONFIGURATIONS = [
 ]  # fmt: skip
 
 
-def words_of(code, program):
+def words_of(code, program, sensor=0):
     """Words that a step executes: UPDATE_REDRAWN runs on into UPDATE."""
-    words = code.words[code.entry[program] :]
+    words = code.words[code.entry[program, sensor] :]
     last = code.format.fields["last"]
     length = next(k for k, word in enumerate(words) if word >> last.lsb & 1) + 1
     return words[:length]
@@ -37,20 +38,22 @@ def test_every_program_word_by_word(params, pipeline):
     code = Microcode(params, pipeline)
     dut = Sequencer(code)
     rng = random.Random(1)
-    runs = [*Program, *rng.choices(list(Program), k=6)]
+    routines = list(code.programs)
+    runs = [*routines, *rng.choices(routines, k=6)]
 
     async def testbench(ctx):
-        for number, program in enumerate(runs):
-            expected = words_of(code, program)
-            stop_at = rng.randrange(len(expected)) if number >= len(Program) else None
+        for number, (program, sensor) in enumerate(runs):
+            expected = words_of(code, program, sensor)
+            stop_at = rng.randrange(len(expected)) if number >= len(routines) else None
             ctx.set(dut.start, 1)
             ctx.set(dut.program, program)
+            ctx.set(dut.sensor, sensor)
             await ctx.tick()
             ctx.set(dut.start, 0)
             assert ctx.get(dut.busy)
             await ctx.tick()
             for clock, word in enumerate(expected):
-                assert ctx.get(dut.word.as_value()) == word, (program, clock)
+                assert ctx.get(dut.word.as_value()) == word, (program, sensor, clock)
                 assert ctx.get(dut.busy)
                 assert not ctx.get(dut.done)
                 ctx.set(dut.stop, clock == stop_at)
@@ -61,7 +64,7 @@ def test_every_program_word_by_word(params, pipeline):
             assert ctx.get(dut.word.as_value()) == 0
             assert ctx.get(dut.done) == (stop_at is None)
             if stop_at is None:
-                assert len(expected) + STEP_OVERHEAD == code.clocks(program)
+                assert len(expected) + STEP_OVERHEAD == code.clocks(program, sensor)
                 await ctx.tick()
             assert not ctx.get(dut.busy)
             for _ in range(rng.choice([0, 1, 5])):

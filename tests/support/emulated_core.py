@@ -30,7 +30,7 @@ from ukf_sw.spec.registers import (
     MASK,
     REGISTERS,
 )
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 __all__ = ["EmulatedEngine", "UioDevice", "emulated_core", "main"]
 
@@ -49,7 +49,9 @@ class EmulatedEngine:
         self.layout = Layout(params)
         self.memory = self.layout.initial_words()
         self._code = microcode(params, Pipeline())
-        self._operations = {program: build_program(self.layout, program) for program in Program}
+        self._operations = {
+            routine: build_program(self.layout, *routine) for routine in self._code.programs
+        }
 
     def _banks(self, state_bank, factor_bank):
         """Slices of the banked words, and of their copies of these numbers."""
@@ -59,7 +61,7 @@ class EmulatedEngine:
             turned = bank * self.layout.bank_offset
             yield slice(start, stop), slice(start + turned, stop + turned)
 
-    def run(self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
+    def run(self, program, *, sensor=0, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
         assert stop_after is None, "steps end at once here"
         fmt = self.params.format
         before = fmt.decode(self.memory)
@@ -72,7 +74,7 @@ class EmulatedEngine:
         parts = [Program.UPDATE_REDRAWN, Program.UPDATE]
         for part in parts if program is Program.UPDATE_REDRAWN else [program]:
             if machine.error == (0, 0):
-                machine.run(self._operations[part], mask)
+                machine.run(self._operations[Routine(part, sensor)], mask)
         after = machine.current
         for plain, _ in self._banks(state_bank, factor_bank):
             after[:, plain] = before[:, plain]
@@ -83,7 +85,7 @@ class EmulatedEngine:
         self.memory[written] = fmt.encode(after)[written]
         nis = None if machine.nis is None else int(fmt.encode(machine.nis))
         return RunResult(
-            *machine.error, nis, self._code.clocks(program), machine.innovation_overflow
+            *machine.error, nis, self._code.clocks(program, sensor), machine.innovation_overflow
         )
 
 

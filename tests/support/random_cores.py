@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import numpy as np
+
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 
@@ -19,12 +21,15 @@ def random_configuration(rng, largest=5):
         Largest number of states, observations and noise terms.
     """
     n, m = rng.randint(1, largest), rng.randint(1, largest)
+    # Where one sensor ends and another begins.
+    cuts = sorted(rng.sample(range(1, m), rng.randint(0, m - 1))) if rng.random() < 0.5 else []
     process, observation = rng.choice(list(Noise)), rng.choice(list(Noise))
     params = UkfParams(
         n=n,
         m=m,
         q=rng.choice([0, n]) if process is Noise.ADDITIVE else rng.randint(0, largest),
         r=rng.choice([0, m]) if observation is Noise.ADDITIVE else rng.randint(0, largest),
+        sensors=tuple(np.diff([0, *cuts, m]).tolist()),
         process_noise=process,
         observation_noise=observation,
         form=rng.choice(list(Form)),

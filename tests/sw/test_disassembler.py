@@ -60,10 +60,9 @@ def test_disassembly_is_the_operation_list(seed):
     params, pipeline = random_configuration(random.Random(300 + seed))
     code = microcode(params, pipeline)
     kinds = set()
-    for program in Program:
-        plan, registers = code.programs[program]
+    for routine, (plan, registers) in code.programs.items():
         # The list is made anew; the schedule adds the clocks, and the scalars by their places.
-        operations = build_program(Layout(params), program)
+        operations = build_program(Layout(params), *routine)
         assert len(operations) == len(plan.operations) == len(plan.issue)
         numbers = {}
         for own, planned in zip(operations, plan.operations, strict=True):
@@ -74,7 +73,7 @@ def test_disassembly_is_the_operation_list(seed):
              for operation, issue in zip(operations, plan.issue, strict=True)),
             key=lambda entry: entry["clocks"],
         )  # fmt: skip
-        assert [said(entry) for entry in disassemble(code, program)] == wanted
+        assert [said(entry) for entry in disassemble(code, *routine)] == wanted
         kinds |= {operation.kind for operation in operations}
     assert kinds == set(Kind)
 
@@ -84,14 +83,13 @@ def test_registers_hold_the_operands(seed):
     """The register that an operation reads was written last by the one whose result it takes."""
     params, pipeline = random_configuration(random.Random(400 + seed))
     code = microcode(params, pipeline)
-    for program in Program:
-        plan = code.programs[program].plan
+    for routine, (plan, _) in code.programs.items():
         producer = {
             operation.result: issue + code.timing.result(operation)
             for operation, issue in zip(plan.operations, plan.issue, strict=True)
         }
         scalars = dict(zip(plan.issue, (op.scalar for op in plan.operations), strict=True))
-        found = disassemble(code, program)
+        found = disassemble(code, *routine)
         written = sorted((i.done, i.register) for i in found if i.register is not None)
         for instruction in found:
             if instruction.scalar is not None:

@@ -10,7 +10,7 @@ from ukf_sw.engine.control_word import READ, WRITE, Half
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.packets import COUNT_WIDTH, DISTANCE_WIDTH, Packet, pack
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 HALF = Half(
     name="test", fields=("flag", "address", "begin"), counting=("address",), once=("begin",)
@@ -109,4 +109,4 @@ def test_packets_are_fewer_than_words():
     code = Microcode(UkfParams(n=7, m=6, q=7, r=6), Pipeline())
     bits = sum(len(s.packets) * s.format.width for s in code.streams.values())
     assert bits < len(code.words) * code.format.width / 3
-    assert code.streams[READ].entry[Program.INIT] == 0
+    assert code.streams[READ].entry[Routine(Program.INIT)] == 0

@@ -44,6 +44,8 @@ def randomly(rng, entry):
         return rng.choice([*FORMATS.values(), ODD])
     if entry.kind is float:
         return rng.random()
+    if entry.kind is tuple:
+        return ()
     return rng.randint(entry.meaning.low, entry.meaning.high or 9)
 
 
@@ -53,6 +55,9 @@ def cores(count, seed=1):
     found = []
     while len(found) < count:
         values = {label: randomly(rng, entry) for label, entry in PARAMETERS.items()}
+        if rng.random() < 0.5:
+            first = rng.randint(1, values["m"])
+            values["sensors"] = (first, *[1] * (values["m"] - first))
         try:
             found.append(Core.from_values(values))
         except ValueError:  # additive noise of another size, or too many PEs
@@ -68,6 +73,12 @@ def cores(count, seed=1):
     [
         ({"n": 0}, ValueError, "n must be between 1 and 32, not 0"),
         ({"m": 33}, ValueError, "m must be between 1 and 32, not 33"),
+        ({"sensors": (1, 2)}, ValueError,
+         "sensors must have m = 1 observations together, not (1, 2)"),
+        ({"sensors": (1, 0)}, ValueError, "sensors must be between 1 and 32, not 0"),
+        ({"sensors": 3}, TypeError, "sensors must be a tuple, not 3"),
+        ({"sensors": (1.5,)}, TypeError, "each of sensors must be an int, not 1.5"),
+        ({"sensors": "1,2"}, ValueError, "sensors must be like 3+3, or one, not '1,2'"),
         ({"q": -1}, ValueError, "q must be between 0 and 32, not -1"),
         ({"r": 33}, ValueError, "r must be between 0 and 32, not 33"),
         ({"n": "2"}, TypeError, "n must be an int, not '2'"),
@@ -221,7 +232,7 @@ def test_every_parameter_tells_cores_apart():
     base = Core(params=UkfParams(n=3, m=3, q=3, r=3, pes=2, format=BINARY32))
     others = {
         "process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE, "W0": 0.25,
-        "form": Form.COVARIANCE, "format": BINARY16,
+        "form": Form.COVARIANCE, "format": BINARY16, "sensors": (1, 2),
     }  # fmt: skip
     for label, value in base.values().items():
         other = Core.from_values(base.values() | {label: others.get(label, value)})

@@ -18,7 +18,7 @@ from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -36,7 +36,7 @@ def test_words_mean_what_the_operations_mean(seed, sequential):
     params, pipeline = random_configuration(random.Random(100 + seed), largest=4)
     rng = np.random.default_rng(seed)
     layout = Layout(params)
-    for program in Program:
+    for program, sensor in microcode(params, pipeline).programs:
         memory = sequential(layout, params.format)
         interpreter = Interpreter(params, pipeline)
         values = params.format.round(rng.uniform(0.5, 2.0, size=memory.current.shape))
@@ -49,12 +49,14 @@ def test_words_mean_what_the_operations_mean(seed, sequential):
         memory.next = memory.current.copy()
         interpreter.memory[:] = params.format.encode(memory.current)
         mask = rng.integers(1 << params.m) if params.m > 1 else 1
-        result = interpreter.run(program, mask=int(mask), state_bank=0, factor_bank=0)
+        result = interpreter.run(
+            program, sensor=sensor, mask=int(mask), state_bank=0, factor_bank=0
+        )
         programs = [program]
         if program is Program.UPDATE_REDRAWN:
             programs.append(Program.UPDATE)
         for part in programs:
-            memory.run(build_program(layout, part), mask=int(mask))
+            memory.run(build_program(layout, part, sensor), mask=int(mask))
         if result.error_code:
             continue  # what follows an error is not written
         banked = layout.bank_offset
@@ -161,10 +163,10 @@ def test_adder_tree_sums_every_lane_once(pes):
 def test_clocks_do_not_depend_on_data():
     params = UkfParams(n=2, m=2)
     code = microcode(params, Pipeline())
-    length = code.programs[Program.PREDICT].plan.length
+    length = code.programs[Routine(Program.PREDICT)].plan.length
     assert code.clocks(Program.PREDICT) == length + STEP_OVERHEAD
     assert Interpreter(params).run(Program.PREDICT).clocks == length + STEP_OVERHEAD
-    redrawn = code.programs[Program.UPDATE_REDRAWN].plan.length
+    redrawn = code.programs[Routine(Program.UPDATE_REDRAWN)].plan.length
     assert code.clocks(Program.UPDATE_REDRAWN) == redrawn + code.clocks(Program.UPDATE)
 
 

@@ -13,7 +13,7 @@ from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program, Routine
+from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine
 
 __all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode", "routines"]
 
@@ -159,6 +159,11 @@ class Microcode:
     def words_of(self, program: Program, sensor: int = 0) -> list[int]:
         """Give the control words of a program, one for each clock."""
         return self._encoded[Routine(program, sensor)]
+
+    def name_of(self, routine: Routine) -> str:
+        """Name of a program for people, with its sensor if there are several."""
+        whose = routine.program in OF_SENSORS and self.params.sensors
+        return routine.program.name + (f" of sensor {routine.sensor}" if whose else "")
 
     def clocks(self, program: Program, sensor: int = 0) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""

@@ -13,7 +13,7 @@ from ukf_sw.engine.disassembler import MARKS, Instruction, fields_of, kind_of, w
 from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.operations import Kind
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Routine
 
 __all__ = ["Line", "Mnemonics", "say_columns"]
 
@@ -139,19 +139,19 @@ class Mnemonics:
             lines.append(Line(None, instruction.root_clock, text))
         return lines
 
-    def listing(self, program: Program, instructions: Sequence[Instruction]) -> str:
+    def listing(self, routine: Routine, instructions: Sequence[Instruction]) -> str:
         """Give a program as text for people, of 100 columns at most.
 
         Parameters
         ----------
-        program
+        routine
             Which one.
         instructions
             What was found in its words.
         """
-        words = len(self._code.words_of(program))
+        words = len(self._code.words_of(*routine))
         lines = [
-            f"{program.name}: {words} words, {len(instructions)} operations",
+            f"{self._code.name_of(routine)}: {words} words, {len(instructions)} operations",
             "clock  done  operation",
         ]
         for instruction in instructions:

@@ -42,12 +42,16 @@ def disassemble(
     chosen = list(Program) if program is None else [_find(program)]
     code = microcode(core.params, core.pipeline)
     mnemonics = Mnemonics(code)
-    found = {each: disassembler.disassemble(code, each) for each in chosen}
+    found = {
+        each: disassembler.disassemble(code, *each)
+        for wanted in chosen for each in code.programs if each.program is wanted
+    }  # fmt: skip
     if as_json:
         programs: list[dict[str, Any]] = [
             {
-                "program": each.name,
-                "words": len(code.words_of(each)),
+                "program": each.program.name,
+                "sensor": each.sensor,
+                "words": len(code.words_of(*each)),
                 "operations": [mnemonics.record(entry) for entry in instructions],
             }
             for each, instructions in found.items()

@@ -19,6 +19,6 @@ def latency(params: UkfParams, pipeline: Pipeline) -> dict[str, Any]:
         leaves the next sigma points; ``programs``, each with its length from start to end.
     """
     code = microcode(params, pipeline)
-    programs = {program.name: code.clocks(program) for program in Program}
+    programs = {code.name_of(each): code.clocks(*each) for each in code.programs}
     steps = {"SIG_GEN": 0, "PREDICT": programs["PREDICT"], "UPDATE": programs["UPDATE"]}
     return {"steps": steps, "total": sum(steps.values()), "programs": programs}
