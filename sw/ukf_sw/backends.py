@@ -111,9 +111,7 @@ class Backend(Protocol):
         """Predict from the points sent through f; gives them back as the backend holds them."""
         ...
 
-    def update(
-        self, points: Array, z: Array, mask: Mask, sensor: int = 0
-    ) -> tuple[float, bool]:
+    def update(self, points: Array, z: Array, mask: Mask, sensor: int = 0) -> tuple[float, bool]:
         """Update from the points sent through the h of a sensor; gives the NIS, and if gated."""
         ...
 

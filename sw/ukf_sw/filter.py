@@ -1,18 +1,18 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
-from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ukf_sw.arrays import as_covariance, as_numbers, as_vector
 from ukf_sw.backends import Backend, make_backend
 from ukf_sw.certainty import Certainty
 from ukf_sw.errors import REFUSALS, NotFiniteError
-from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, rounding_errors
-from ukf_sw.models import CheckedModel, ObservationModel, ProcessModel, wrap
+from ukf_sw.models import CheckedModel, wrap
+from ukf_sw.problem import Problem
 from ukf_sw.results import ReadOnlyArray
-from ukf_sw.spec.fields import as_bool, as_int, as_number
+from ukf_sw.spec.fields import as_number
 from ukf_sw.spec.parameters import Form, UkfParams
 from ukf_sw.spec.sequence import Step
 
@@ -23,86 +23,6 @@ Mask = NDArray[np.bool_]
 
 #: What :attr:`UnscentedKalmanFilter.nis` and ``gated`` are before an update.
 NO_UPDATE = (None, False)
-DOUBLE = float(np.finfo(np.float64).eps)
-
-
-def _raw(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Check kind and shape of an array of numbers."""
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise TypeError(f"{name} must be an array of real numbers, not {value!r}") from error
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name} must be an array of real numbers, not {value!r}")
-    if array.shape != shape:
-        raise ValueError(f"{name} must have the shape {shape}, not {array.shape!r}")
-    return array
-
-
-def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
-    """Check an array of numbers, and copy it."""
-    return np.array(_raw(value, name, shape), dtype=np.float64)
-
-
-def _vector(value: ArrayLike, name: str, length: int) -> Array:
-    """Check a vector."""
-    array = _numbers(value, name, (length,))
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, not {array.tolist()!r}")
-    return array
-
-
-def _covariance(value: ArrayLike | None, name: str, size: int, *, definite: bool = False) -> Array:
-    """Check a covariance: symmetric and positive semidefinite, or definite.
-
-    Within the rounding errors of its type, relative to the diagonal elements of row and column. If
-    its type is coarser than float64, what is given is the nearby matrix without their effect.
-    """
-    if value is None:
-        if size:
-            raise TypeError(f"{name} must be a matrix of shape {(size, size)}, not None")
-        return np.zeros((0, 0))
-    given = _raw(value, name, (size, size))
-    array = np.array(given, dtype=np.float64)
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, not {array.tolist()!r}")
-    if not size:
-        return array
-    epsilon = DOUBLE
-    if given.dtype.kind == "f":
-        epsilon = max(epsilon, float(np.finfo(given.dtype).eps))
-    deviations = np.sqrt(np.abs(np.diag(array)))
-    tolerance = max(1e-9, rounding_errors(size, epsilon)) * np.outer(deviations, deviations)
-    asymmetry = np.abs(array - array.T) - tolerance
-    if (asymmetry > 0.0).any():
-        row, column = np.unravel_index(asymmetry.argmax(), array.shape)
-        raise ValueError(
-            f"{name} must be symmetric, not {float(array[row, column])!r} at ({row}, {column}) "
-            f"and {float(array[column, row])!r} at ({column}, {row})"
-        )
-    array = (array + array.T) / 2.0
-    try:
-        factor = lower_factor(array, epsilon)
-        if epsilon > DOUBLE:
-            array = factor @ factor.T
-        if definite:
-            check_definite(array, epsilon)
-    except IndefiniteError as error:
-        raise ValueError(f"{name} {error}") from error
-    return array
-
-
-def _angles(value: Iterable[int], name: str, size: int) -> tuple[int, ...]:
-    """Check indices of angles."""
-    if isinstance(value, str) or not isinstance(cast("object", value), Iterable):
-        raise TypeError(f"{name} must be a tuple of indices, as (0,), not {value!r}")
-    indices = tuple(as_int(f"each of {name}", index) for index in value)
-    for index in indices:
-        if not 0 <= index < size:
-            raise ValueError(f"{name} must be between 0 and {size - 1}, not {index!r}")
-    if len(set(indices)) < len(indices):
-        raise ValueError(f"{name} must be different indices, not {indices!r}")
-    return indices
 
 
 class UnscentedKalmanFilter:
@@ -110,18 +30,20 @@ class UnscentedKalmanFilter:
 
     ::
 
-        ukf = UnscentedKalmanFilter(f, h, params, Q=Q, R=R, x0=x0, P0=P0, backend="golden")
+        ukf = UnscentedKalmanFilter(problem, "golden")
         for u, z in data:
             ukf.predict(u)
             ukf.update(z)
             print(ukf.x)
+
+    With several sensors, each update is of one: ``ukf.update(z, sensor="gps")``.
 
     Predict and update may come at different rates and in any order; several updates may follow each
     other. An update directly after a predict sends the predicted sigma points through h, as in the
     papers; any other update draws new ones first. :meth:`redraw` in between asks for that. The
     predicted points do not have the spread of an *additive* process noise, and without redrawing
     the gain would leave that of the last step out of account, so with such a noise predict redraws
-    unless ``redraw=False``. (filterpy always redraws.)
+    unless the problem says otherwise. (filterpy always redraws.)
 
     Nothing that raises changes the estimate; but a predict that follows a predict begins with a
     :meth:`redraw`, which stays. With redrawing, predict is one step: it is done if the new sigma
@@ -137,30 +59,13 @@ class UnscentedKalmanFilter:
 
     Parameters
     ----------
-    f, h
-        Process and observation model; see :mod:`ukf_sw.models`.
-    params
-        Sizes, kinds of noise, and what else the core computes.
-    Q, R
-        Covariances of w and v, shapes (q, q) and (r, r), positive semidefinite. None if q or r
-        is 0.
-    x0
-        First estimate, shape (n,).
-    P0
-        Its covariance, shape (n, n), positive semidefinite; positive definite for a core of the
-        covariance form.
+    problem
+        What to estimate: see :class:`ukf_sw.problem.Problem`. Its data, if any, do not matter.
     backend
         What computes: "reference" (float64, the papers' equations), "golden" (the software model
         of the core, every bit as in hardware), or an object such as a
-        :class:`ukf_sw.drivers.driver.Driver` of a core.
-    vectorized
-        Whether the models take all sigma points at once.
-    redraw
-        Whether every predict ends with :meth:`redraw`; None: if there is additive process noise.
-        It costs a factorisation and, on a core, reading the points once more.
-    state_angles, observation_angles
-        Indices of the states and of the observations that are angles, in radians. Results of the
-        models and z are wrapped to within half a turn of sigma point 0.
+        :class:`ukf_sw.drivers.driver.Driver` of a core. Such a core decides form, format and number
+        of processing elements; its sizes, kinds of noise and W0 must be those of the problem.
 
     Raises
     ------
@@ -174,71 +79,45 @@ class UnscentedKalmanFilter:
 
     __slots__ = (
         "__weakref__", "_backend", "_certainty", "_f", "_first", "_gate", "_h", "_last_P",
-        "_last_update", "_last_x", "_mask", "_noise", "_noise_points", "_observation_angles",
-        "_params", "_redraws", "_transformed",
+        "_last_update", "_last_x", "_mask", "_noise", "_noise_points", "_params", "_problem",
+        "_transformed",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        f: ProcessModel,
-        h: ObservationModel,
-        params: UkfParams,
-        *,
-        x0: ArrayLike,
-        P0: ArrayLike,
-        Q: ArrayLike | None = None,
-        R: ArrayLike | None = None,
-        backend: Backend | str = "reference",
-        vectorized: bool = False,
-        redraw: bool | None = None,
-        state_angles: tuple[int, ...] = (),
-        observation_angles: tuple[int, ...] = (),
-    ) -> None:
-        for name, model in (("f", f), ("h", h)):
-            if not callable(model):
-                raise TypeError(f"{name} must be callable, not {model!r}")
-        if not isinstance(cast("object", params), UkfParams):
-            raise TypeError(f"params must be a UkfParams, not {params!r}")
-        vectorized = as_bool("vectorized", vectorized)
-        self._observation_angles = _angles(observation_angles, "observation_angles", params.m)
+    def __init__(self, problem: Problem, backend: Backend | str = "reference") -> None:
+        if not isinstance(cast("object", problem), Problem):
+            raise TypeError(f"problem must be a Problem, not {problem!r}")
+        if not isinstance(cast("object", backend), (str, Backend)):
+            raise TypeError(f"backend must be a name or a Backend, not {backend!r}")
+        if not isinstance(backend, str):
+            problem = problem.for_core(backend.params)
+        self._problem = problem
+        self._params = params = problem.params
         self._f = CheckedModel(
-            f, role="process model f", takes=("x", "w", "u"), asked_by="predict", rows=params.n,
-            vectorized=vectorized, angles=_angles(state_angles, "state_angles", params.n),
+            problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
+            rows=params.n, vectorized=problem.vectorized, angles=problem.state_angles,
         )  # fmt: skip
-        self._h = CheckedModel(
-            h, role="observation model h", takes=("x", "v"), asked_by="update", rows=params.m,
-            vectorized=vectorized, angles=self._observation_angles,
+        several = len(problem.sensor_names) > 1
+        self._h = tuple(
+            CheckedModel(
+                problem.sensor(name).h, role="observation model h" + f" of {name}" * several,
+                takes=("x", "v"), asked_by="update", rows=len(params.rows_of(number)),
+                vectorized=problem.vectorized, angles=problem.sensor(name).angles,
+            )
+            for number, name in enumerate(problem.sensor_names)
         )  # fmt: skip
-        self._params = params
-        self._redraws = params.additive_q > 0 if redraw is None else as_bool("redraw", redraw)
-        self._first = (
-            _vector(x0, "x0", params.n),
-            _covariance(P0, "P0", params.n, definite=self._needs_definite),
-        )
-        self._noise = _covariance(Q, "Q", params.q), _covariance(R, "R", params.r)
+        self._first = problem.x0, problem.P0
+        self._noise = problem.Q, problem.R
         self._noise_points: tuple[Array, Array]
         self._mask = np.ones(params.m, dtype=np.bool_)
         self._gate = np.inf
         self._certainty = Certainty()
-        self._backend = self._find_backend(backend)
+        self._backend = make_backend(backend, params) if isinstance(backend, str) else backend
         self._forget()
         self._certainty.assign_anew(self._start, *self._first)
 
     @property
     def _needs_definite(self) -> bool:
         return self._params.form is Form.COVARIANCE
-
-    def _find_backend(self, backend: Backend | str) -> Backend:
-        """Find the backend of a name."""
-        if isinstance(backend, str):
-            return make_backend(backend, self._params)
-        if not isinstance(cast("object", backend), Backend):
-            raise TypeError(f"backend must be a name or a Backend, not {backend!r}")
-        if backend.params != self._params:
-            raise ValueError(
-                f"params of the backend must be {self._params!r}, not {backend.params!r}"
-            )
-        return backend
 
     def _forget(self) -> None:
         """Forget what is derived from the state of the backend."""
@@ -279,8 +158,13 @@ class UnscentedKalmanFilter:
         self._gate = gate
 
     @property
+    def problem(self) -> Problem:
+        """What is estimated, with the form, format and processing elements of the core."""
+        return self._problem
+
+    @property
     def params(self) -> UkfParams:
-        """Parameters given to the constructor."""
+        """What a core for it computes."""
         return self._params
 
     @property
@@ -298,7 +182,7 @@ class UnscentedKalmanFilter:
 
     @x.setter
     def x(self, value: ArrayLike) -> None:
-        self._certainty.assign(self._send_state, _vector(value, "x", self._params.n))
+        self._certainty.assign(self._send_state, as_vector(value, "x", self._params.n))
 
     @property
     def P(self) -> Array:
@@ -314,7 +198,7 @@ class UnscentedKalmanFilter:
 
     @P.setter
     def P(self, value: ArrayLike) -> None:
-        P = _covariance(value, "P", self._params.n, definite=self._needs_definite)
+        P = as_covariance(value, "P", self._params.n, definite=self._needs_definite)
         self._certainty.assign(self._send_covariance, P)
 
     @property
@@ -324,18 +208,55 @@ class UnscentedKalmanFilter:
 
     @Q.setter
     def Q(self, value: ArrayLike) -> None:
-        Q = _covariance(value, "Q", self._params.q)
+        Q = as_covariance(value, "Q", self._params.q)
         self._certainty.assign(self._send_noise, Q, self._noise[1])
 
     @property
     def R(self) -> Array:
-        """Covariance of the observation noise, shape (r, r), a copy. Assignable."""
+        """Covariance of the observation noise, shape (r, r), a copy. Assignable.
+
+        It has the covariances of the sensors on its diagonal, and nothing beside them.
+        """
         return ReadOnlyArray.of(self._noise[1])
 
     @R.setter
     def R(self, value: ArrayLike) -> None:
-        R = _covariance(value, "R", self._params.r)
+        R = as_covariance(value, "R", self._params.r)
+        beside = R != 0.0
+        for number in range(len(self._h)):
+            terms = self._problem.terms_of(number)
+            beside[terms.start : terms.stop, terms.start : terms.stop] = False
+        if beside.any():
+            row, column = (int(index) for index in np.argwhere(beside)[0])
+            raise ValueError(
+                "R must be zero between sensors, which have an update each, not "
+                f"{float(R[row, column])!r} at ({row}, {column})"
+            )
         self._certainty.assign(self._send_noise, self._noise[0], R)
+
+    def set_R(self, R: ArrayLike, sensor: str | None = None) -> None:
+        """Replace the covariance of the noise of one sensor; those of the others stay.
+
+        Parameters
+        ----------
+        R
+            Covariance, shape (r, r) with the noise terms of the sensor.
+        sensor
+            Its name; None is the only one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If R or the name is wrong.
+        UkfError
+            If a step fails; then nothing has changed.
+        """
+        terms = self._problem.terms_of(self._problem.number_of(sensor))
+        whole = self._noise[1].copy()
+        whole[terms.start : terms.stop, terms.start : terms.stop] = as_covariance(
+            R, "R", len(terms)
+        )
+        self._certainty.assign(self._send_noise, self._noise[0], whole)
 
     @property
     def mask(self) -> Mask:
@@ -344,15 +265,16 @@ class UnscentedKalmanFilter:
 
     @mask.setter
     def mask(self, value: ArrayLike) -> None:
-        self._mask = self._check_mask(value)
+        self._mask = self._check_mask(value, self._params.m)
 
-    def _check_mask(self, value: ArrayLike) -> Mask:
+    @staticmethod
+    def _check_mask(value: ArrayLike, rows: int) -> Mask:
         mask = np.asarray(value)
         numbers = mask.dtype.kind in "iuf" and bool(((mask == 0) | (mask == 1)).all())
         if not (mask.dtype == np.bool_ or numbers):
             raise TypeError(f"mask must be an array of bool, or of 0 and 1, not {value!r}")
-        if mask.shape != (self._params.m,):
-            raise ValueError(f"mask must have the shape {(self._params.m,)}, not {mask.shape!r}")
+        if mask.shape != (rows,):
+            raise ValueError(f"mask must have the shape {(rows,)}, not {mask.shape!r}")
         return mask.astype(np.bool_)
 
     @property
@@ -397,11 +319,11 @@ class UnscentedKalmanFilter:
         UkfError
             If the core cannot be reached or refuses.
         """
-        new_x = self._first[0] if x is None else _vector(x, "x", self._params.n)
+        new_x = self._first[0] if x is None else as_vector(x, "x", self._params.n)
         new_P = (
             self._first[1]
             if P is None
-            else _covariance(P, "P", self._params.n, definite=self._needs_definite)
+            else as_covariance(P, "P", self._params.n, definite=self._needs_definite)
         )
         self._certainty.assign_anew(self._start, new_x, new_P)
 
@@ -432,7 +354,7 @@ class UnscentedKalmanFilter:
     def _find_out(self) -> None:
         self._forget()
         self._transformed = self._backend.recover()
-        if self._redraws and self._backend.undo_predict():
+        if self._problem.redraws and self._backend.undo_predict():
             self._transformed = None
 
     def undo_predict(self) -> None:
@@ -476,7 +398,7 @@ class UnscentedKalmanFilter:
         results = self._f(self._draw(), self._noise_points[0], (u,), arguments)
         with self._certainty:
             transformed = self._backend.predict(results)
-            if self._redraws:
+            if self._problem.redraws:
                 transformed = None
                 try:
                     self._backend.redraw()
@@ -505,16 +427,26 @@ class UnscentedKalmanFilter:
             self._transformed = None
         return points
 
-    def update(self, z: ArrayLike | None, mask: ArrayLike | None = None, **arguments: Any) -> bool:
+    def update(
+        self,
+        z: ArrayLike | None,
+        mask: ArrayLike | None = None,
+        *,
+        sensor: str | None = None,
+        **arguments: Any,
+    ) -> bool:
         """Correct the state with an observation.
 
         Parameters
         ----------
         z
-            Observation, shape (m,). None, nothing sampled now, leaves everything as it is.
+            Observation, shape (m,) with the rows of the sensor. None, nothing sampled now, leaves
+            everything as it is.
         mask
             Which observations were sampled, an array of bool, shape (m,); z may be NaN in the
             others. None is :attr:`mask`. If it is all False, nothing was sampled.
+        sensor
+            Name of the sensor; None is the only one.
         arguments
             Keyword arguments of h.
 
@@ -526,25 +458,30 @@ class UnscentedKalmanFilter:
         Raises
         ------
         TypeError, ValueError
-            If z or mask is wrong, or if h does what it must not; see :mod:`ukf_sw.models`.
+            If z, mask or sensor is wrong, or if h does what it must not; see
+            :mod:`ukf_sw.models`.
         UkfError
             If a step fails.
         """
-        p = self._params
-        used = self._mask if mask is None else self._check_mask(mask)
+        number = self._problem.number_of(sensor)
+        rows, terms = self._params.rows_of(number), self._problem.terms_of(number)
+        used = self._mask[rows.start : rows.stop]
+        if mask is not None:
+            used = self._check_mask(mask, len(rows))
         if z is None or not used.any():
             return False
-        observation = _numbers(z, "z", (p.m,))
+        observation = as_numbers(z, "z", (len(rows),))
         observation[~used] = 0.0
         if not np.isfinite(observation).all():
             raise ValueError(f"z must be finite where sampled, not {np.asarray(z).tolist()!r}")
         points = self._transformed if self._transformed is not None else self._draw()
-        results = self._h(points, self._noise_points[1], keywords=arguments, used_rows=used)
-        for row in self._observation_angles:
+        noise, h = self._noise_points[1][terms.start : terms.stop], self._h[number]
+        results = h(points, noise, keywords=arguments, used_rows=used)
+        for row in h.angles:
             if used[row]:
                 observation[row] = wrap(observation[row], results[row, 0])
         with self._certainty:
-            nis, gated = self._backend.update(results, observation, used)
+            nis, gated = self._backend.update(results, observation, used, number)
             if not gated:
                 self._transformed = self._last_x = self._last_P = None
             self._last_update = nis, gated

@@ -139,7 +139,7 @@ class CheckedModel:
         self._asked_by = asked_by
         self._rows = rows
         self._vectorized = vectorized
-        self._angles = angles
+        self.angles = angles
         self._calls = 0
 
     def __call__(
@@ -197,7 +197,7 @@ class CheckedModel:
             if used_rows is not None:
                 again[~used_rows] = 0.0
             self._check_equal(results, again)
-        for row in self._angles:
+        for row in self.angles:
             results[row] = wrap(results[row], results[row, 0])
         return results
 

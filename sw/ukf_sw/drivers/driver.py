@@ -187,10 +187,12 @@ class Driver:
         self._X_write = self._addresses("X", n, N)
         #: Of each sensor, its rows of Z and of z.
         self._Z_write = [
-            np.concatenate((
-                self._addresses("Z", len(rows), N, first_row=rows.start),
-                self._addresses("z", len(rows), 1, first_row=rows.start),
-            ))
+            np.concatenate(
+                (
+                    self._addresses("Z", len(rows), N, first_row=rows.start),
+                    self._addresses("z", len(rows), 1, first_row=rows.start),
+                )
+            )
             for rows in map(params.rows_of, range(len(params.sensor_rows)))
         ]
 
@@ -255,9 +257,7 @@ class Driver:
         for address, word in zip(addresses.tolist(), words.tolist(), strict=True):
             self._bus.write(address, word)
 
-    def _addresses(
-        self, symbol: str, rows: int, columns: int, *, first_row: int = 0
-    ) -> Addresses:
+    def _addresses(self, symbol: str, rows: int, columns: int, *, first_row: int = 0) -> Addresses:
         """Word addresses of the left part of rows of a region, row by row."""
         size = self._params.format.bus_words
         return np.array(
@@ -573,9 +573,7 @@ class Driver:
             raise
         self._noise = LQ, LR
 
-    def _write_noise(
-        self, LQ: Words, LR: Words, before: tuple[Words, Words] | None = None
-    ) -> None:
+    def _write_noise(self, LQ: Words, LR: Words, before: tuple[Words, Words] | None = None) -> None:
         """Write the factors; of those that are there, `before`, only the rows that differ."""
         self._initialised = False
         there = (None, None) if before is None else before

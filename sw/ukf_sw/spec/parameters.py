@@ -81,8 +81,11 @@ class UkfParams:
     sensors: Annotated[
         tuple[int, ...],
         Meaning(
-            "Observations of each sensor, as 3+3; one: a single sensor.", low=1, high=MAX_SIZE,
-            words="{label} {value}", problem=True,
+            "Observations of each sensor, as 3+3; one: a single sensor.",
+            low=1,
+            high=MAX_SIZE,
+            words="{label} {value}",
+            problem=True,
         ),
     ] = ()
     process_noise: Annotated[Noise, Meaning("How process noise enters.", problem=True)] = (

@@ -1,0 +1,533 @@
+"""An estimation problem, described once: states, models, sensors, noise, first estimate, and data.
+
+::
+
+    problem = Problem(
+        name="cart",
+        states={"position": "m", "speed": "m/s"},
+        f=f,
+        Q=Q,
+        process_noise=Noise.ADDITIVE,
+        sensors={"gps": Sensor(h_gps, R=[[4.0]]), "odometer": Sensor(h_odometer, R=[[0.01]])},
+        x0=[0.0, 0.0],
+        P0=np.eye(2),
+    )
+    ukf = UnscentedKalmanFilter(problem, "golden")
+
+Everything takes it: the filter, runs, co-simulation, sweeps, export, the commands.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, fields, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ukf_sw.arrays import as_covariance, as_indices, as_vector
+from ukf_sw.models import ObservationModel, ProcessModel, wrap
+from ukf_sw.spec.fields import as_bool, as_int, parameters_of
+from ukf_sw.spec.float_format import BINARY32, FloatFormat
+from ukf_sw.spec.parameters import Form, Noise, UkfParams
+
+__all__ = ["Data", "Problem", "Sensor"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Name of the sensor of a problem that has one, and gives it none.
+ONLY = "sensor"
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """What is observed together: rows of Z with a model, a noise and an UPDATE of their own.
+
+    Parameters
+    ----------
+    h
+        Observation model; see :mod:`ukf_sw.models`.
+    R
+        Covariance of its noise v, shape (r, r); None is no noise.
+    m
+        Number of observations. None: as many as there are names, or as h gives for the first
+        estimate.
+    observations
+        Names and units of the observations, as ``{"range": "m", "bearing": "rad"}``; or names.
+    angles
+        Which observations are angles, in radians: indices or names.
+    """
+
+    h: ObservationModel
+    _: KW_ONLY
+    R: ArrayLike | None = None
+    m: int | None = None
+    observations: Mapping[str, str] | Sequence[str] = ()
+    angles: Sequence[int | str] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Data:
+    """K steps of data, recorded or simulated.
+
+    Step k predicts with ``inputs[k]``, then updates with every sensor that was sampled, in their
+    order in the problem. The estimate after it belongs to ``times[k]`` and to ``truth[k]``.
+
+    Parameters
+    ----------
+    times
+        Time of each step, shape (K,), in seconds.
+    measurements
+        Observations of each sensor, by its name, shape (K, m) each; the array alone if there is one
+        sensor.
+    sampled
+        Which of them were sampled, as `measurements`; None: those that are not NaN. A step without
+        any is a predict only.
+    inputs
+        Input u of each predict, K of them; None gives ``u=None``.
+    observation_arguments
+        Keyword arguments of h, K of them; None is none.
+    truth
+        True states, or whatever the problem's `error` compares with, shape (K, ...). None if it is
+        not known; then there are no errors.
+    judged
+        Steps whose errors count, shape (K,); None is all. Records have steps without truth.
+
+    Raises
+    ------
+    ValueError
+        If the data are not K steps long.
+    """
+
+    times: Array
+    measurements: Mapping[str, Array] | Array
+    sampled: Mapping[str, Mask] | Mask | None = None
+    inputs: Sequence[Any] | Array | None = None
+    observation_arguments: Sequence[Mapping[str, Any]] | None = None
+    truth: Array | None = None
+    judged: Mask | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("inputs", "observation_arguments", "truth", "judged"):
+            self._check(name, getattr(self, name))
+        for name in ("measurements", "sampled"):
+            given = getattr(self, name)
+            for part in given.values() if isinstance(given, Mapping) else [given]:
+                self._check(name, part)
+
+    def _check(self, name: str, data: Any) -> None:
+        if data is not None and len(data) != self.steps:
+            raise ValueError(f"{name} must have {self.steps} steps, not {len(data)!r}")
+
+    @property
+    def steps(self) -> int:
+        """Number of steps, K."""
+        return len(self.times)
+
+    def first(self, steps: int) -> "Data":
+        """Give the first steps.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many.
+        """
+        if not 1 <= steps <= self.steps:
+            raise ValueError(f"steps must be between 1 and {self.steps}, not {steps!r}")
+
+        def cut(data: Any) -> Any:
+            if isinstance(data, Mapping):
+                return {name: part[:steps] for name, part in data.items()}
+            return None if data is None else data[:steps]
+
+        return Data(**{each.name: cut(getattr(self, each.name)) for each in fields(self)})
+
+
+def _named(given: Mapping[str, str] | Sequence[str], what: str) -> dict[str, str]:
+    """Units by name, and a check that the names differ."""
+    if isinstance(given, str) or not isinstance(cast("object", given), (Mapping, Sequence)):
+        raise TypeError(f"{what} must be names and units, as {{'a': 'm'}}, not {given!r}")
+    named = dict(given) if isinstance(given, Mapping) else dict.fromkeys(given, "")
+    for text in (*named, *named.values()):
+        if not isinstance(cast("object", text), str):
+            raise TypeError(f"{what} must have names and units that are text, not {text!r}")
+    if len(named) < len(given):
+        raise ValueError(f"{what} must have different names, not {tuple(given)!r}")
+    return named
+
+
+def _rows(name: str, value: ArrayLike | None) -> int:
+    """Number of rows of an array as it was given; None has none."""
+    if value is None:
+        return 0
+    try:
+        shape = np.shape(value)
+    except ValueError as error:
+        raise TypeError(f"{name} must be an array of real numbers, not {value!r}") from error
+    if not shape:
+        raise TypeError(f"{name} must be an array of real numbers, not {value!r}")
+    return shape[0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """An estimation problem.
+
+    Parameters
+    ----------
+    name
+        Name on the command line and in reports.
+    f
+        Process model; see :mod:`ukf_sw.models`.
+    sensors
+        By name, in the order of their rows; or the only one.
+    x0
+        First estimate, shape (n,).
+    P0
+        Its covariance, shape (n, n), positive semidefinite; positive definite for a core of the
+        covariance form.
+    Q
+        Covariance of the process noise w, shape (q, q), positive semidefinite; None is no noise.
+    process_noise, observation_noise
+        How w, and the v of every sensor, enter the models.
+    states
+        Names and units of the states, as ``{"position": "m"}``; or names.
+    state_angles
+        Which states are angles, in radians: indices or names.
+    inputs
+        Names and units of the inputs, if u is an array of them; or names.
+    vectorized
+        Whether the models take all sigma points at once.
+    redraw
+        Whether every predict ends with drawing new sigma points; None: if there is additive process
+        noise. It costs a factorisation and, on a core, reading the points once more.
+    W0
+        Weight of sigma point 0, in [0, 1).
+    form, format, pes
+        Of a core for it, as :class:`ukf_sw.spec.parameters.UkfParams` has them.
+    data
+        Data, or a function that makes them: ``data(seed, steps)``, where None is all steps.
+    error
+        Function of estimates (K, n) and truth (K, ...) that gives errors (K, e). None: their
+        difference, of angles within half a turn.
+    error_names, error_units
+        Name and unit of each error, e each; by default those of the states.
+    settled
+        Time from which on errors count, in seconds: the filter has settled by then.
+    limit
+        What the first error should stay below, in its unit; None is nothing.
+
+    Raises
+    ------
+    TypeError
+        If something is of the wrong kind.
+    ValueError
+        If something has a wrong shape or value, or data of a sensor is missing or nobody's; the
+        message names the rule and the value.
+    Exception
+        What h raises when it is called to count its observations.
+    """
+
+    name: str
+    f: ProcessModel
+    sensors: Mapping[str, Sensor] | Sensor
+    x0: Array
+    P0: Array
+    Q: Array | None = None
+    process_noise: Noise = Noise.AUGMENTED
+    observation_noise: Noise = Noise.AUGMENTED
+    states: Mapping[str, str] | Sequence[str] = ()
+    state_angles: Sequence[int | str] = ()
+    inputs: Mapping[str, str] | Sequence[str] = ()
+    vectorized: bool = False
+    redraw: bool | None = None
+    W0: float = 0.0
+    form: Form = Form.SQUARE_ROOT
+    format: FloatFormat = BINARY32
+    pes: int = 1
+    data: Data | Callable[[int, int | None], Data] | None = None
+    error: Callable[[Array, Array], Array] | None = None
+    error_names: tuple[str, ...] = ()
+    error_units: tuple[str, ...] = ()
+    settled: float = float("-inf")
+    limit: float | None = None
+
+    def __post_init__(self) -> None:
+        if not callable(self.f):
+            raise TypeError(f"f must be callable, not {self.f!r}")
+        for name in ("process_noise", "observation_noise", "form", "format"):
+            self._set(name, parameters_of(UkfParams)[name].check(getattr(self, name)))
+        self._set("vectorized", as_bool("vectorized", self.vectorized))
+        if self.redraw is not None:
+            self._set("redraw", as_bool("redraw", self.redraw))
+        if len(self.error_names) != len(self.error_units):
+            raise ValueError(
+                f"error_units must have {len(self.error_names)} entries, "
+                f"not {len(self.error_units)!r}"
+            )
+        self._set("states", _named(self.states, "states"))
+        self._set("inputs", _named(self.inputs, "inputs"))
+        n = len(self.states) or _rows("x0", self.x0)
+        self._set("x0", as_vector(self.x0, "x0", n))
+        definite = self.form is Form.COVARIANCE
+        self._set("P0", as_covariance(self.P0, "P0", n, definite=definite))
+        q = _rows("Q", self.Q)
+        if self.process_noise is Noise.ADDITIVE and q:
+            q = n
+        self._set("Q", as_covariance(self.Q, "Q", q))
+        self._set("state_angles", as_indices(self.state_angles, "state_angles", n, self.states))
+        self._set("sensors", self._complete_sensors())
+        _ = self.params  # it is checked there that there is such a core
+        if isinstance(self.data, Data):
+            self._set("data", self._complete_data(self.data))
+            if self.error is None and not self.error_names and self.data.truth is not None:
+                named = self.states or {f"x[{i}]": "" for i in range(n)}
+                self._set("error_names", tuple(named))
+                self._set("error_units", tuple(cast("dict[str, str]", named).values()))
+
+    def _set(self, name: str, value: Any) -> None:
+        """Keep an argument as what it means."""
+        object.__setattr__(self, name, value)
+
+    # Sensors.
+
+    def _complete_sensors(self) -> dict[str, Sensor]:
+        """Fill in what the sensors left open, and check them."""
+        given = self.sensors
+        if isinstance(given, Sensor):
+            given = {ONLY: given}
+        if not isinstance(cast("object", given), Mapping) or not given:
+            raise TypeError(
+                f"sensors must be a Sensor, or some of them by name, not {self.sensors!r}"
+            )
+        additive = self.observation_noise is Noise.ADDITIVE
+        noisy = any(_rows(f"R of {name}", sensor.R) for name, sensor in given.items())
+        return {
+            name: self._complete(name, sensor, noisy=additive and noisy)
+            for name, sensor in given.items()
+        }
+
+    def _complete(self, name: str, sensor: Sensor, *, noisy: bool) -> Sensor:
+        """Fill in what a sensor left open; `noisy`: R is of the size of the observations."""
+        if not (isinstance(cast("object", name), str) and name.isidentifier()):
+            raise ValueError(f"sensors must have names like gps, not {name!r}")
+        if not isinstance(cast("object", sensor), Sensor):
+            raise TypeError(f"sensors must be of the class Sensor, and {name} is not {sensor!r}")
+        if not callable(sensor.h):
+            raise TypeError(f"h of {name} must be callable, not {sensor.h!r}")
+        names = _named(sensor.observations, f"observations of {name}")
+        r = _rows(f"R of {name}", sensor.R)
+        m = len(names) if sensor.m is None else as_int(f"m of {name}", sensor.m)
+        m = m or self._count(name, sensor, r)
+        if names and m != len(names):
+            raise ValueError(f"m of {name} must be {len(names)}, the number of names, not {m!r}")
+        R = sensor.R
+        if noisy:
+            R, r = (np.zeros((m, m)) if R is None else R), m
+        return Sensor(
+            sensor.h,
+            R=as_covariance(R, f"R of {name}", r),
+            m=m,
+            observations=names or {f"{name}[{i}]" if m > 1 else name: "" for i in range(m)},
+            angles=as_indices(sensor.angles, f"angles of {name}", m, tuple(names)),
+        )
+
+    def _count(self, name: str, sensor: Sensor, r: int) -> int:
+        """Call the model of a sensor for the first estimate, and count what it gives."""
+        x, v = self.x0.copy(), np.zeros(r)
+        if self.vectorized:
+            x, v = x[:, np.newaxis], v[:, np.newaxis]
+        try:
+            result = np.asarray(sensor.h(x, v))
+        except Exception as error:
+            raise ValueError(
+                f"h of {name} must take the first estimate and zeros as v, to count its "
+                f"observations; give m, or their names, if it cannot: "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        if result.ndim != 1 + self.vectorized or not result.shape[0]:
+            raise ValueError(
+                f"h of {name} must return a vector of observations for the first estimate, not "
+                f"the shape {result.shape!r}"
+            )
+        return result.shape[0]
+
+    @property
+    def _sensors(self) -> dict[str, Sensor]:
+        return cast("dict[str, Sensor]", self.sensors)
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the sensors, in the order of their rows."""
+        return tuple(self._sensors)
+
+    def sensor(self, name: str) -> Sensor:
+        """Give a sensor, with all that it left open filled in."""
+        return self._sensors[name]
+
+    def number_of(self, name: str | None) -> int:
+        """Number of a sensor; of the only one if no name is given.
+
+        Raises
+        ------
+        TypeError
+            If no name is given, and there are several.
+        ValueError
+            If there is none of that name.
+        """
+        names = self.sensor_names
+        if name is None:
+            if len(names) > 1:
+                raise TypeError(f"sensor must be one of {', '.join(names)}, not None")
+            return 0
+        if name not in names:
+            raise ValueError(f"sensor must be one of {', '.join(names)}, not {name!r}")
+        return names.index(name)
+
+    def terms_of(self, number: int) -> range:
+        """Rows of V, or of R, that are noise of a sensor."""
+        sizes = [len(np.asarray(sensor.R)) for sensor in self._sensors.values()]
+        first = sum(sizes[:number])
+        return range(first, first + sizes[number])
+
+    @cached_property
+    def R(self) -> Array:
+        """Covariance of the noise of all sensors, shape (r, r): a block of each."""
+        R = np.zeros((self.params.r, self.params.r))
+        for number, sensor in enumerate(self._sensors.values()):
+            own = slice(self.terms_of(number).start, self.terms_of(number).stop)
+            R[own, own] = np.asarray(sensor.R)
+        return R
+
+    @cached_property
+    def params(self) -> UkfParams:
+        """What a core for it computes."""
+        sensors = self._sensors.values()
+        rows = tuple(cast("int", sensor.m) for sensor in sensors)
+        return UkfParams(
+            n=len(self.x0),
+            m=sum(rows),
+            q=0 if self.Q is None else len(self.Q),
+            r=sum(len(np.asarray(sensor.R)) for sensor in sensors),
+            sensors=rows,
+            process_noise=self.process_noise,
+            observation_noise=self.observation_noise,
+            W0=self.W0,
+            form=self.form,
+            format=self.format,
+            pes=self.pes,
+        )
+
+    @property
+    def redraws(self) -> bool:
+        """Whether every predict ends with drawing new sigma points."""
+        return self.params.additive_q > 0 if self.redraw is None else self.redraw
+
+    def for_core(self, params: UkfParams) -> "Problem":
+        """The same problem for another core.
+
+        Raises
+        ------
+        ValueError
+            If that has other sizes or kinds of noise.
+        """
+        for entry in parameters_of(UkfParams).values():
+            wanted, found = getattr(self.params, entry.name), getattr(params, entry.name)
+            if entry.meaning.problem and wanted != found:
+                raise ValueError(
+                    f"{entry.name} of a core for {self.name} must be {wanted!r}, not {found!r}"
+                )
+        return replace(self, W0=params.W0, form=params.form, format=params.format, pes=params.pes)
+
+    # Data.
+
+    def _complete_data(self, data: Data) -> Data:
+        """Give the parts of each sensor by name, and check them."""
+        measurements = self._by_sensor("measurements", data.measurements, data.steps)
+        if data.sampled is None:
+            sampled = {name: ~np.isnan(part) for name, part in measurements.items()}
+        else:
+            sampled = self._by_sensor("sampled", data.sampled, data.steps)
+            sampled = {name: part.astype(np.bool_) for name, part in sampled.items()}
+        return replace(data, measurements=measurements, sampled=sampled)
+
+    def _by_sensor(self, what: str, given: Any, steps: int) -> dict[str, Any]:
+        """A part of the data by sensor, of which each has its own."""
+        names = self.sensor_names
+        if not isinstance(given, Mapping):
+            if len(names) > 1:
+                raise ValueError(f"{what} must be by sensor, {', '.join(names)}, not one array")
+            given = {names[0]: given}
+        if set(given) != set(names):
+            raise ValueError(f"{what} must be of {', '.join(names)}, not {', '.join(given)}")
+        parts = {name: np.asarray(given[name]) for name in names}
+        for name, part in parts.items():
+            shape = steps, cast("int", self._sensors[name].m)
+            if part.shape != shape:
+                raise ValueError(f"{what} of {name} must have the shape {shape}, not {part.shape}")
+        return parts
+
+    @property
+    def record(self) -> Data:
+        """The data, of each sensor by name.
+
+        Raises
+        ------
+        ValueError
+            If there are none, or only a function that makes them: see :meth:`with_data`.
+        """
+        if not isinstance(self.data, Data):
+            missing = "None" if self.data is None else "a function: say problem.with_data()"
+            raise ValueError(f"data of the problem {self.name!r} must be Data, not {missing}")
+        return self.data
+
+    def with_data(self, seed: int = 0, steps: int | None = None) -> "Problem":
+        """The same problem with data of so many steps; None is all.
+
+        Parameters
+        ----------
+        seed
+            Seed of data that are simulated; records disregard it.
+        steps
+            How many steps.
+
+        Raises
+        ------
+        ValueError
+            If there are no data, or not as many steps.
+        """
+        if callable(self.data):
+            return replace(self, data=self.data(seed, steps))
+        return self if steps is None else replace(self, data=self.record.first(steps))
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the data, K."""
+        return self.record.steps
+
+    @property
+    def times(self) -> Array:
+        """Time of each step, shape (K,), in seconds."""
+        return self.record.times
+
+    def errors_of(self, x: Array) -> Array:
+        """Compare estimates of the first steps, shape (k, n), with the truth; gives (k, e).
+
+        Raises
+        ------
+        ValueError
+            If there is no truth.
+        """
+        truth = self.record.truth
+        if truth is None:
+            raise ValueError(
+                f"the problem {self.name!r} must have truth, not None, to have errors: it can be "
+                "run, but what comes out cannot be judged"
+            )
+        if self.error is not None:
+            return self.error(x, truth[: len(x)])
+        difference = x - truth[: len(x)]
+        for row in self.state_angles:
+            difference[:, row] = wrap(difference[:, row], 0.0)
+        return difference
