@@ -11,7 +11,8 @@ from ukf_sw.spec.sequence import STEPS
 __all__ = [
     "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID", "IDENTITY",
     "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
-    "SENSORS", "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field", "Register",
+    "SENSORS", "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field",
+    "Register",
 ]  # fmt: skip
 
 DATA_WIDTH = 32
