@@ -23,8 +23,8 @@ from ukf_sim.simulators import Simulator
 from ukf_sw.drivers.driver import Driver, Traffic
 from ukf_sw.errors import StepError
 from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.problem import Problem
 from ukf_sw.problems.running import Estimates, Run, run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.spec.parameters import Pipeline
 
 # What needs cocotb is imported in the process of the simulator only.
@@ -110,7 +110,7 @@ class Cosimulation(Observations):
     steps
         How many steps were asked for.
     run
-        What the filter made of the scenario; its ``stop`` is an error of the core.
+        What the filter made of it; its ``stop`` is an error of the core.
     job
         Core and bus.
     build
@@ -127,7 +127,7 @@ class Cosimulation(Observations):
 
     @property
     def observations(self) -> Observations:
-        """The same without the scenario; it passes between processes."""
+        """The same without the problem; it passes between processes."""
         seen = {item.name: getattr(self, item.name) for item in fields(Observations)}
         return Observations(**seen)
 
@@ -192,7 +192,7 @@ def _now() -> tuple[float, float]:
 
 
 def observe(
-    context: Context, *, make: Callable[[int], Scenario], steps: int
+    context: Context, *, make: Callable[[int], Problem], steps: int
 ) -> tuple[Estimates, Observations]:
     """Run a filter on a scenario in lockstep: the task of :func:`cosimulate`.
 
@@ -201,22 +201,24 @@ def observe(
     context
         The core.
     make
-        Makes the scenario of so many steps.
+        Makes the scenario, a problem with its data, of so many steps.
     steps
         How many steps.
     """
     from ukf_sim.lockstep import MismatchError
 
-    scenario = make(steps)
+    problem = make(steps)
     bus = context.lockstep
     estimates = Estimates(
-        x=np.empty((0, scenario.params.n)), nis=np.empty(0), gated=np.empty(0, dtype=np.bool_)
+        x=np.empty((0, problem.params.n)),
+        nis_of_sensors=np.empty((0, len(problem.sensor_names))),
+        gated=np.empty(0, dtype=np.bool_),
     )
     observer = mismatch = None
     try:
         observer = _Observer(context)
         found = run(
-            scenario, observer.driver, steps=steps, ends_at=(StepError, MismatchError),
+            problem, observer.driver, steps=steps, ends_at=(StepError, MismatchError),
             covariance=True, after_step=observer.after_step,
         )  # fmt: skip
         estimates = found.estimates
@@ -237,7 +239,7 @@ def observe(
     )
 
 
-def _check_importable(make: Callable[[int], Scenario]) -> None:
+def _check_importable(make: Callable[[int], Problem]) -> None:
     """Check that another process finds the function as well."""
     try:
         text = pickle.dumps(make)
@@ -253,7 +255,7 @@ def _check_importable(make: Callable[[int], Scenario]) -> None:
 
 
 def cosimulate(
-    make: Callable[[int], Scenario],
+    make: Callable[[int], Problem],
     steps: int,
     *,
     pipeline: Pipeline | None = None,
@@ -270,7 +272,7 @@ def cosimulate(
     Parameters
     ----------
     make
-        Makes the scenario, with at least so many steps: ``make(steps)``. It is called here and,
+        Makes the scenario, a problem with its data, of at least so many steps: ``make(steps)``. It is called here and,
         because the models run there, in the process of the simulator. So it must be found there: a
         function at the top level of a module that can be imported, a ``functools.partial`` of one,
         or a method of an object that can be pickled, as
@@ -291,11 +293,11 @@ def cosimulate(
         If the simulator is not installed or fails, or a model raises something in it.
     """
     _check_importable(make)
-    scenario = make(steps)
-    if not 1 <= steps <= scenario.steps:
-        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
+    problem = make(steps)
+    if not 1 <= steps <= problem.steps:
+        raise ValueError(f"steps must be between 1 and {problem.steps}, not {steps!r}")
     job = Job(
-        params=scenario.params,
+        params=problem.params,
         pipeline=pipeline or Pipeline(),
         task="ukf_sim.cosimulation:observe",
         arguments={"make": make, "steps": steps},
@@ -306,7 +308,7 @@ def cosimulate(
     estimates, observed = result.value
     return Cosimulation(
         steps=steps,
-        run=Run.of(scenario, estimates),
+        run=Run.of(problem, estimates),
         job=job,
         build=result.build,
         simulation_seconds=result.seconds,

@@ -104,7 +104,7 @@ def _load(file: Path) -> dict[str, Any]:
 
 def _print(found: Run, reference: Run, backend: object, seconds: float) -> None:
     each = seconds / found.steps * 1e6
-    print(f"{found.scenario.name}: {found.steps} steps, {each:.0f} us each with the models")
+    print(f"{found.problem.name}: {found.steps} steps, {each:.0f} us each with the models")
     if isinstance(backend, Driver):
         traffic = backend.traffic
         print(
@@ -143,12 +143,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             check_file("--save", options.save, (".npz",))
         saved = None if options.compare is None else _load(options.compare)
         recipe = Recipe.of(options.config, seed=options.seed, pes=options.pes)
-        scenario = recipe.scenario(options.steps)
-        backend = make_backend(options.backend, scenario.params)
+        problem = recipe.scenario(options.steps)
+        backend = make_backend(options.backend, problem.params)
         if isinstance(backend, Driver):
             backend.count_cycles = True
         start = time.perf_counter()
-        found = run(scenario, backend)
+        found = run(problem, backend)
         seconds = time.perf_counter() - start
     except (ValueError, OSError, MissingExtraError) as error:
         print(f"Error: {error}", file=sys.stderr)
@@ -156,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UkfError as error:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 1
-    _print(found, run(scenario, "reference"), backend, seconds)
+    _print(found, run(problem, "reference"), backend, seconds)
     pes = backend.pes if isinstance(backend, Driver) else 0
     about: dict[str, Any] = {"config": options.config, "seed": options.seed, "pes": pes}
     if options.save is not None:

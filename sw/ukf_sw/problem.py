@@ -501,6 +501,23 @@ class Problem:
             return replace(self, data=self.data(seed, steps))
         return self if steps is None else replace(self, data=self.record.first(steps))
 
+    def samples(self, sensor: str | None = None) -> tuple[Array, Mask]:
+        """Give the observations of a sensor, and which were sampled, shape (K, m) each.
+
+        Parameters
+        ----------
+        sensor
+            Its name; None is the only one.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the name is wrong, or there are no data.
+        """
+        name = self.sensor_names[self.number_of(sensor)]
+        measurements = cast("dict[str, Array]", self.record.measurements)
+        return measurements[name], cast("dict[str, Mask]", self.record.sampled)[name]
+
     @property
     def steps(self) -> int:
         """Number of steps of the data, K."""

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from ukf_sw.problems.scenario import Scenario
 
 from ukf_sim.bus import ALL_BYTES, Request
 from ukf_sim.lockstep import LockstepBus
 from ukf_sim.session import Context
 from ukf_sw.errors import StepError
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS

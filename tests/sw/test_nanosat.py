@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from ukf_sw.problems.scenario import Scenario
 
 from ukf_sw.errors import NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.problems.judging import judge
 from ukf_sw.problems.running import run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems import nanosat
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.parameters import Form, Noise

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from typer.main import get_command
+from ukf_sw.problems.scenario import Scenario
 
 from ukf_sim.cosimulation import cosimulate
 from ukf_sw.problems.running import run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.parameters import Noise, UkfParams

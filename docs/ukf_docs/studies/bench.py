@@ -21,9 +21,9 @@ import numpy as np
 from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
+from ukf_sw.problem import Problem
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
 from ukf_sw.spec.core import Core
@@ -70,13 +70,13 @@ class _Points:
         return (x[:, None] + np.linalg.cholesky(P) @ self._sigma).T
 
 
-def run_filterpy(scenario: Scenario, steps: int) -> np.ndarray:
-    """Run a scenario with augmented noise on filterpy.
+def run_filterpy(problem: Problem, steps: int) -> np.ndarray:
+    """Run a problem with augmented noise and one sensor on filterpy.
 
     Parameters
     ----------
-    scenario
-        The scenario, with vectorized models.
+    problem
+        The problem with its data; its models are vectorized.
     steps
         How many steps.
 
@@ -96,23 +96,25 @@ def run_filterpy(scenario: Scenario, steps: int) -> np.ndarray:
             self.compute_process_sigmas(self._dt if dt is None else dt, fx, **arguments)
             self.x, self.P = (UT or unscented_transform)(self.sigmas_f, self.Wm, self.Wc, self.Q)
 
-    p = scenario.params
+    p, data = problem.params, problem.record
+    name = problem.sensor_names[0]
+    h, (observed, _) = problem.sensor(name).h, problem.samples(name)
     noise = ReferenceUkf(p)
-    noise.initialise(scenario.x0, scenario.P0, scenario.Q, scenario.R)
+    noise.initialise(problem.x0, problem.P0, problem.Q, problem.R)
     W, V = noise.noise_points()
     w, v = cycle(W.T), cycle(V.T)
     ukf = Filter(
         p.n, p.m, 1.0,
-        lambda x: np.ravel(scenario.h(x[:, None], next(v)[:, None])),
-        lambda x, dt, u: np.ravel(scenario.f(x[:, None], next(w)[:, None], u)),
+        lambda x: np.ravel(h(x[:, None], next(v)[:, None])),
+        lambda x, dt, u: np.ravel(problem.f(x[:, None], next(w)[:, None], u)),
         _Points(p.n, p.M, p.W0),
     )  # fmt: skip
-    ukf.x, ukf.P = scenario.x0.copy(), scenario.P0.copy()
+    ukf.x, ukf.P = problem.x0.copy(), problem.P0.copy()
     ukf.Q, ukf.R = np.zeros((p.n, p.n)), np.zeros((p.m, p.m))
     estimates = np.empty((steps, p.n))
     for k in range(steps):
-        ukf.predict(u=None if scenario.inputs is None else scenario.inputs[k])
-        ukf.update(scenario.measurements[k])
+        ukf.predict(u=None if data.inputs is None else data.inputs[k])
+        ukf.update(observed[k])
         estimates[k] = ukf.x
     return estimates
 
@@ -129,13 +131,13 @@ def _seconds(work: Callable[[], Any], repeats: int = 3) -> float:
 
 def _models(steps: int) -> dict[str, float]:
     """Golden model, reference and filterpy on the same data, in iterations a second."""
-    scenario = Recipe.of("nanosat", pes=PES).scenario(steps)
+    problem = Recipe.of("nanosat", pes=PES).scenario(steps)
     rates: dict[str, float] = {}
     for name in ("golden", "reference"):
         # The first run compiles.
-        run(scenario, name, steps=min(steps, 5))
-        rates[name] = steps / _seconds(lambda name=name: run(scenario, name))
-    rates["filterpy"] = steps / _seconds(lambda: run_filterpy(scenario, steps))
+        run(problem, name, steps=min(steps, 5))
+        rates[name] = steps / _seconds(lambda name=name: run(problem, name))
+    rates["filterpy"] = steps / _seconds(lambda: run_filterpy(problem, steps))
     rates["golden_to_filterpy"] = rates["golden"] / rates["filterpy"]
     return rates
 

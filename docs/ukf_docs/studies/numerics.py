@@ -9,10 +9,10 @@ from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
 from ukf_sw.errors import UkfError
+from ukf_sw.problem import Problem
 from ukf_sw.problems.catalogue import CATALOGUE, find
 from ukf_sw.problems.judging import judge
 from ukf_sw.problems.running import Run, Stop, run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.spec.float_format import FORMATS
 from ukf_sw.spec.parameters import Form
 
@@ -60,9 +60,9 @@ def _brief(stop: Stop) -> str:
     return "model not finite" if stop.kind is ValueError else stop.kind.__name__
 
 
-def _measure(scenario: Scenario, backend: str, expected: Run) -> Measurement:
+def _measure(problem: Problem, backend: str, expected: Run) -> Measurement:
     """Run a filter up to its first error."""
-    found = run(scenario, backend, ends_at=(UkfError, ValueError))
+    found = run(problem, backend, ends_at=(UkfError, ValueError))
     stopped = None if found.stop is None else _brief(found.stop)
     judged = judge(found, expected)
     return Measurement(
@@ -77,10 +77,10 @@ def _prepare(name: str, steps: int) -> Run:
     """Run the reference on the beginning of a scenario."""
     entry = find(name)
     try:
-        scenario = entry.scenario(0, steps)
+        problem = entry.scenario(0, steps)
     except ValueError:  # it has fewer
-        scenario = entry.scenario(0)
-    return run(scenario)
+        problem = entry.scenario(0)
+    return run(problem)
 
 
 def measure_formats(
@@ -88,12 +88,11 @@ def measure_formats(
 ) -> dict[tuple[Form, str], Measurement]:
     """Measure every form in every format on the beginning of an application."""
     expected = _prepare(name, steps)
-    scenario = expected.scenario
+    problem = expected.problem
     measured = {}
     for form in Form:
         for format_name in FORMAT_NAMES:
-            params = replace(scenario.params, form=form, format=FORMATS[format_name], W0=W0)
-            made = replace(scenario, params=params)
+            made = replace(problem, form=form, format=FORMATS[format_name], W0=W0)
             measured[form, format_name] = _measure(made, "golden", expected)
     return measured
 
@@ -101,10 +100,10 @@ def measure_formats(
 def measure_weights(name: str, steps: int = STEPS) -> dict[float, tuple[Measurement, Measurement]]:
     """Measure some W0: the float64 reference, and the core in binary32, square-root form."""
     expected = _prepare(name, steps)
-    scenario = expected.scenario
+    problem = expected.problem
     measured = {}
     for W0 in WEIGHTS:
-        made = replace(scenario, params=replace(scenario.params, W0=W0))
+        made = replace(problem, W0=W0)
         measured[W0] = (
             _measure(made, "reference", expected),
             _measure(made, "golden", expected),

@@ -31,8 +31,8 @@ from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.folders import check_folder
+from ukf_sw.problem import Problem
 from ukf_sw.problems.running import run
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_sw.spec.parameters import Pipeline
 
@@ -78,13 +78,13 @@ class CLoopOutcome:
     build: Build
 
 
-def golden_results(scenario: Scenario, steps: int, *, covariances: bool = False) -> CResults:
+def golden_results(problem: Problem, steps: int, *, covariances: bool = False) -> CResults:
     """Run the Python filter on the golden model; results as the C application writes them.
 
     Parameters
     ----------
-    scenario
-        The scenario, with the parameters of the core.
+    problem
+        The problem, with the parameters of the core.
     steps
         How many steps.
     covariances
@@ -96,7 +96,7 @@ def golden_results(scenario: Scenario, steps: int, *, covariances: bool = False)
         if covariances and done:
             each.append(ukf.P)
 
-    found = run(scenario, "golden", steps=steps, covariance=True, after_step=note)
+    found = run(problem, "golden", steps=steps, covariance=True, after_step=note)
     return CResults(
         x=found.x, nis=found.nis, results=np.zeros(steps, np.uint32), gated=found.gated, P=found.P,
         covariances=np.array(each) if covariances else None,
@@ -140,7 +140,7 @@ def require_tools() -> None:
 
 
 def run_c_in_the_loop(
-    scenario: Scenario,
+    problem: Problem,
     steps: int,
     *,
     pipeline: Pipeline | None = None,
@@ -155,7 +155,7 @@ def run_c_in_the_loop(
 
     Parameters
     ----------
-    scenario
+    problem
         A nanosatellite, with the parameters of the core.
     steps
         How many of its steps.
@@ -192,8 +192,8 @@ def run_c_in_the_loop(
     with tempfile.TemporaryDirectory(prefix="ukf-c-") as scratch:
         folder = Path(scratch)
         tell("generate")
-        scenario_file, _ = export_scenario(scenario, steps, folder)
-        generate(scenario.params, pipeline, folder / "rtl")
+        scenario_file, _ = export_scenario(problem, steps, folder)
+        generate(problem.params, pipeline, folder / "rtl")
         objects = compile_objects(
             (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
         )
@@ -206,7 +206,7 @@ def run_c_in_the_loop(
             str(built.folder / EXECUTABLE), str(scenario_file), str(folder / "results.bin"),
             str(folder / "counts"), "interrupt" if interrupt else "polling",
             "covariances" if covariances else "estimates", str(word_clocks),
-            str(round(1e6 * step_timeout(scenario.params, pipeline or Pipeline(), word_clocks))),
+            str(round(1e6 * step_timeout(problem.params, pipeline or Pipeline(), word_clocks))),
         ]  # fmt: skip
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
@@ -214,14 +214,14 @@ def run_c_in_the_loop(
                 f"The C application ended with the code {done.returncode}:\n{done.stderr}"
             )
         results = read_results(
-            folder / "results.bin", scenario.params, steps, covariances=covariances
+            folder / "results.bin", problem.params, steps, covariances=covariances
         )
         clocks, words, bus_clocks, seconds, cpu_seconds = (folder / "counts").read_text().split()
         tell("compare")
         return CLoopOutcome(
             results=results,
             mismatch=first_difference(
-                results, golden_results(scenario, steps, covariances=covariances)
+                results, golden_results(problem, steps, covariances=covariances)
             ),
             clocks=int(clocks),
             words=int(words),

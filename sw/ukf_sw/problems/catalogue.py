@@ -3,7 +3,8 @@
 ::
 
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_sw.problems.judging import judge
+    from ukf_sw.problem import Problem
+from ukf_sw.problems.judging import judge
     from ukf_sw.problems.running import run
 
     entry = CATALOGUE["pendulum"]
@@ -16,8 +17,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, sqrt
 
+from ukf_sw.problem import Problem
 from ukf_sw.problems.judging import Bound, Measure
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.battery import BATTERY, battery
 from ukf_sw.problems.systems.ctrv import CTRV, ctrv
 from ukf_sw.problems.systems.gps_ins import GPS_INS, gps_ins
@@ -54,7 +55,7 @@ class Entry:
     params
         Sizes and kinds of noise of its core.
     factory
-        Makes the scenario: ``factory(seed, steps)``, where None is all steps.
+        Makes the problem, with its data: ``factory(seed, steps)``, where None is all steps.
     bounds
         Expected errors, of whole runs with any seed.
     runs
@@ -70,7 +71,7 @@ class Entry:
     doc: str
     source: str
     params: UkfParams
-    factory: Callable[[int, int | None], Scenario]
+    factory: Callable[[int, int | None], Problem]
     bounds: tuple[Bound, ...]
     runs: int = 1
     rounding: float = 0.01
@@ -89,8 +90,8 @@ class Entry:
         if self.recorded and runs > 1:
             raise ValueError(f"runs must be 1 for {self.name}, which is a record, not {runs!r}")
 
-    def scenario(self, seed: int = 0, steps: int | None = None) -> Scenario:
-        """Make the scenario.
+    def scenario(self, seed: int = 0, steps: int | None = None) -> Problem:
+        """Make a scenario: the problem with its data.
 
         Parameters
         ----------
@@ -117,7 +118,7 @@ class Entry:
         )
 
 
-def _swampsat(seed: int, steps: int | None) -> Scenario:
+def _swampsat(seed: int, steps: int | None) -> Problem:
     """Make the scenario of SwampSat, sampled every two seconds.
 
     Raises

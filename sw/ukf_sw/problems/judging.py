@@ -5,7 +5,7 @@
     from ukf_sw.problems.judging import judge
     from ukf_sw.problems.running import run
 
-    judged = judge(run(scenario, "golden"), run(scenario, "reference"))
+    judged = judge(run(problem, "golden"), run(problem, "reference"))
     for error in judged.errors:
         print(error.name, error.rms, error.unit)
 """
@@ -34,7 +34,7 @@ class Bound:
     Parameters
     ----------
     error
-        Name of the error in the scenario.
+        Name of the error in the problem.
     measure
         Root mean square, or largest magnitude; of the study of SwampSat the median over the flights
         of their root mean squares, or the number of flights that diverged.
@@ -117,12 +117,12 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class JudgedError:
-    """How large one error of a scenario was.
+    """How large one error of a problem was.
 
     Parameters
     ----------
     name, unit
-        As the scenario has them.
+        As the problem has them.
     rms, maximum
         Root mean square, and largest magnitude.
     """
@@ -187,7 +187,7 @@ class Judgement:
         Raises
         ------
         ValueError
-            If a bound is about an error that the scenario does not have, or cannot be judged here.
+            If a bound is about an error that the problem does not have, or cannot be judged here.
         """
         return tuple(self._verdict(bound) for bound in bounds)
 
@@ -275,7 +275,7 @@ def _check_after(times: Array, after: float) -> None:
 def rms_after(times: Array, errors: Array, after: float) -> float:
     """Root mean square of an error, shape (K,), over the steps later than a time.
 
-    For estimators that are no filter on a scenario; :func:`judge` is for those that are.
+    For estimators that are no filter of a problem; :func:`judge` is for those that are.
 
     Raises
     ------
@@ -292,7 +292,7 @@ def judge(
     *,
     after: float | None = None,
 ) -> Judgement:
-    """Judge runs of one kind of scenario; several as if they were one.
+    """Judge runs of one kind of problem; several as if they were one.
 
     Parameters
     ----------
@@ -302,13 +302,13 @@ def judge(
         Runs of another filter on the same data, such as the float64 reference, or None. Without
         effect if one of them ended before its run did.
     after
-        Time after which errors count, in seconds; None is the scenario's ``settled``, or the
+        Time after which errors count, in seconds; None is the problem's ``settled``, or the
         beginning if no run is that long.
 
     Returns
     -------
     Judgement
-        Over the steps after that time that the scenario wants judged.
+        Over the steps after that time that the data want judged.
 
     Raises
     ------
@@ -323,7 +323,7 @@ def judge(
         others = [reference] if isinstance(reference, Run) else list(reference)
         pairs = list(zip(own, others, strict=True))
     pairs = [pair for pair in pairs if pair[0].steps]
-    since = own[0].scenario.settled if after is None else after
+    since = own[0].problem.settled if after is None else after
     if after is not None:
         for one, _ in pairs:
             _check_after(one.times, after)
@@ -347,35 +347,41 @@ def judge(
 
 def _beginning(run: Run, steps: int) -> Run:
     """Give the first steps of a run."""
-    return replace(run, x=run.x[:steps], nis=run.nis[:steps], gated=run.gated[:steps])
+    return replace(
+        run,
+        x=run.x[:steps],
+        nis_of_sensors=run.nis_of_sensors[:steps],
+        gated=run.gated[:steps],
+    )
 
 
 def _chosen(run: Run, since: float) -> NDArray[np.bool_]:
     """Choose the steps of a run that count, shape (K,)."""
     chosen = run.times > since
-    return chosen if run.scenario.judged is None else chosen & run.scenario.judged[: run.steps]
+    judged = run.problem.record.judged
+    return chosen if judged is None else chosen & judged[: run.steps]
 
 
 def _judge(runs: Sequence[Run], first: Run, since: float) -> Judgement:
     """Judge the steps after a time; name and limit of the errors are those of the first run."""
-    scenario = first.scenario
+    problem = first.problem
     errors = np.concatenate(
-        [np.empty((0, len(scenario.error_names)))]
+        [np.empty((0, len(problem.error_names)))]
         + [run.errors[_chosen(run, since)] for run in runs]
     )
     time = since if isfinite(since) else None
     if not len(errors):
-        return Judgement(since=time, steps=0, errors=(), limit=scenario.limit)
+        return Judgement(since=time, steps=0, errors=(), limit=problem.limit)
     rms = _rms(errors).tolist()
     largest = np.abs(errors).max(axis=0).tolist()
-    limit = scenario.limit
+    limit = problem.limit
     return Judgement(
         since=time,
         steps=len(errors),
         errors=tuple(
             JudgedError(name=name, unit=unit, rms=rms[k], maximum=largest[k])
             for k, (name, unit) in enumerate(
-                zip(scenario.error_names, scenario.error_units, strict=True)
+                zip(problem.error_names, problem.error_units, strict=True)
             )
         ),
         limit=limit,

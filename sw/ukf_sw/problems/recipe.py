@@ -1,4 +1,6 @@
-"""How to make a scenario, anywhere: scenarios hold functions, so they do not leave their process.
+"""How to make a scenario, anywhere: a problem with its data.
+
+Problems hold functions, so they do not leave their process; recipes do.
 
 ::
 
@@ -13,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from ukf_sw.problem import Problem
 from ukf_sw.problems.catalogue import find
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.random_system import STEPS, random_scenario
 from ukf_sw.spec.parameters import UkfParams
 
@@ -79,7 +81,7 @@ class Recipe:
         """
         return cls(name=name, params=replace(find(name).params, **changes), seed=seed, P0=P0)
 
-    def scenario(self, steps: int | None = None) -> Scenario:
+    def scenario(self, steps: int | None = None) -> Problem:
         """Make the scenario.
 
         Parameters
@@ -98,7 +100,7 @@ class Recipe:
             P0 = 1.0 if self.P0 is None else self.P0
             count = STEPS if steps is None else steps
             return random_scenario(self.params, self.seed, P0=P0, steps=count)
-        made = replace(find(self.name).scenario(self.seed, steps), params=self.params)
-        if self.P0 is None:
-            return made
-        return replace(made, P0=self.P0 * np.eye(self.params.n))
+        made = find(self.name).scenario(self.seed, steps)
+        if self.P0 is not None:
+            made = replace(made, P0=self.P0 * np.eye(self.params.n))
+        return made.for_core(self.params)

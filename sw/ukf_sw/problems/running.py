@@ -1,14 +1,14 @@
-"""Running a filter on a scenario: the one loop, on any backend.
+"""Running a filter on the data of a problem: the one loop, on any backend.
 
 ::
 
     from ukf_sw.problems.running import run
 
-    found = run(scenario, "golden")
+    found = run(problem, "golden")
     print(found.x[-1], found.errors[-1])
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ukf_sw.backends import Backend, make_backend
 from ukf_sw.errors import REFUSALS, StepError
 from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 
 __all__ = ["Estimates", "Run", "Stop", "run"]
 
@@ -33,7 +33,7 @@ class Stop:
     Parameters
     ----------
     iteration
-        Number of steps of the scenario that had succeeded.
+        Number of steps that had succeeded.
     kind
         Class of the error.
     message
@@ -53,7 +53,7 @@ class Stop:
 
     @classmethod
     def of(cls, error: Exception, iteration: int) -> "Stop":
-        """Describe an error that came after so many steps of the scenario."""
+        """Describe an error that came after so many steps."""
         code = getattr(error, "error_code", None)
         return cls(
             iteration=iteration,
@@ -86,10 +86,11 @@ class Estimates:
     ----------
     x
         Estimate after each step, shape (K, n).
-    nis
-        Normalised innovation squared of each step, shape (K,); NaN where nothing was sampled.
+    nis_of_sensors
+        Normalised innovation squared of each update, shape (K, S) with S sensors; NaN where nothing
+        was sampled.
     gated
-        Whether the update was rejected, shape (K,).
+        Whether any update of the step was rejected, shape (K,).
     stop
         The error that ended the run, or None.
     last_x
@@ -100,7 +101,7 @@ class Estimates:
     """
 
     x: Array
-    nis: Array = field(repr=False)
+    nis_of_sensors: Array = field(repr=False)
     gated: NDArray[np.bool_] = field(repr=False)
     stop: Stop | None = None
     last_x: Array | None = field(default=None, repr=False)
@@ -111,49 +112,55 @@ class Estimates:
         """Number of steps that were done, K."""
         return len(self.x)
 
+    @cached_property
+    def nis(self) -> Array:
+        """Sum over the updates of each step, shape (K,); NaN where nothing was sampled."""
+        none = np.isnan(self.nis_of_sensors).all(axis=1)
+        return np.where(none, np.nan, np.nansum(self.nis_of_sensors, axis=1))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run(Estimates):
-    """What a filter made of a scenario; :func:`ukf_sw.problems.judging.judge` judges it.
+    """What a filter made of a problem with data; :func:`ukf_sw.problems.judging.judge` judges it.
 
     Parameters
     ----------
-    scenario
-        The scenario.
+    problem
+        The problem, with its data.
     """
 
-    scenario: Scenario
+    problem: Problem
 
     @property
     def times(self) -> Array:
         """Time of each step that was done, shape (K,), in seconds."""
-        return self.scenario.times[: self.steps]
+        return self.problem.times[: self.steps]
 
     @cached_property
     def errors(self) -> Array:
-        """Errors of the estimates, shape (K, e); names and units are those of the scenario.
+        """Errors of the estimates, shape (K, e); names and units are those of the problem.
 
         Raises
         ------
         ValueError
-            If the scenario has no truth.
+            If the problem has no truth.
         """
-        return self.scenario.errors_of(self.x)
+        return self.problem.errors_of(self.x)
 
     @property
     def estimates(self) -> Estimates:
-        """The same without the scenario."""
+        """The same without the problem."""
         return Estimates(**{item.name: getattr(self, item.name) for item in fields(Estimates)})
 
     @classmethod
-    def of(cls, scenario: Scenario, estimates: Estimates) -> "Run":
-        """Put estimates and their scenario together again."""
+    def of(cls, problem: Problem, estimates: Estimates) -> "Run":
+        """Put estimates and their problem together again."""
         found = {item.name: getattr(estimates, item.name) for item in fields(Estimates)}
-        return cls(scenario=scenario, **found)
+        return cls(problem=problem, **found)
 
 
 def run(
-    scenario: Scenario,
+    problem: Problem,
     backend: Backend | str = "reference",
     *,
     steps: int | None = None,
@@ -163,12 +170,14 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     every: int = 100,
 ) -> Run:
-    """Run a filter on a scenario.
+    """Run a filter on the data of a problem.
+
+    A step predicts, then updates with every sensor of which something was sampled, in their order.
 
     Parameters
     ----------
-    scenario
-        The scenario.
+    problem
+        The problem, with its data.
     backend
         What computes: see :class:`ukf_sw.filter.UnscentedKalmanFilter`.
     steps
@@ -193,31 +202,33 @@ def run(
     Raises
     ------
     ValueError
-        If there are not that many steps.
+        If there are not that many steps, or no data.
     UkfError
         If a step of the filter fails and `ends_at` does not have it.
     """
-    total = scenario.steps if steps is None else steps
-    if not 1 <= total <= scenario.steps:
-        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
-    computer = make_backend(backend, scenario.params) if isinstance(backend, str) else backend
-    x = np.empty((total, scenario.params.n))
-    nis = np.full(total, np.nan)
+    data = problem.record
+    total = data.steps if steps is None else steps
+    if not 1 <= total <= data.steps:
+        raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
+    computer = make_backend(backend, problem.params) if isinstance(backend, str) else backend
+    sensors = [(name, *problem.samples(name)) for name in problem.sensor_names]
+    x = np.empty((total, problem.params.n))
+    nis = np.full((total, len(sensors)), np.nan)
     gated = np.zeros(total, dtype=np.bool_)
     done, stop = 0, None
     last_x = last_P = None
     try:
-        ukf = scenario.filter(computer)
+        ukf = UnscentedKalmanFilter(problem, computer)
         if after_step is not None:
             after_step(0, ukf)
         for k in range(total):
-            ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
-            mask = None if scenario.sampled is None else scenario.sampled[k]
-            if mask is None or mask.any():
-                extra = scenario.observation_arguments
-                arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-                ukf.update(scenario.measurements[k], mask=mask, **arguments)
-                nis[k], gated[k] = ukf.nis, ukf.gated
+            ukf.predict(None if data.inputs is None else data.inputs[k])
+            arguments = {} if data.observation_arguments is None else data.observation_arguments[k]
+            for number, (name, z, sampled) in enumerate(sensors):
+                if sampled[k].any():
+                    ukf.update(z[k], mask=sampled[k], sensor=name, **arguments)
+                    nis[k, number] = ukf.nis
+                    gated[k] |= ukf.gated
             last_x = x[k] = ukf.x
             done = k + 1
             if after_step is not None:
@@ -232,9 +243,9 @@ def run(
         if isinstance(error, REFUSALS):
             last_x = computer.state()
     return Run(
-        scenario=scenario,
+        problem=problem,
         x=x[:done],
-        nis=nis[:done],
+        nis_of_sensors=nis[:done],
         gated=gated[:done],
         stop=stop,
         last_x=last_x,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = ["CResults", "export_scenario", "read_results"]
@@ -22,65 +22,62 @@ HEADER = "scenario_data.h"
 Array = NDArray[np.float64]
 
 
-def _tables(scenario: Scenario, steps: int) -> dict[str, Array]:
+def _tables(problem: Problem, steps: int) -> dict[str, Array]:
     """Numbers of a scenario by name, each of two dimensions."""
-    if not 1 <= steps <= scenario.steps:
-        raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
-    if (
-        scenario.observation_arguments is not None
-        or scenario.state_angles
-        or (scenario.observation_angles)
-    ):
-        raise ValueError(f"scenario must have numbers only, no angles, not {scenario.name!r}")
-    measurements = np.array(scenario.measurements[:steps])
-    if scenario.sampled is not None:
-        measurements[~scenario.sampled[:steps]] = 0.0
-    inputs = np.zeros((steps, 0)) if scenario.inputs is None else scenario.inputs[:steps]
+    data = problem.record
+    if not 1 <= steps <= data.steps:
+        raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
+    if len(problem.sensor_names) > 1:
+        raise ValueError(
+            f"sensors must be one for C programs, not {len(problem.sensor_names)}: "
+            f"{', '.join(problem.sensor_names)}"
+        )
+    angles = problem.state_angles or problem.sensor(problem.sensor_names[0]).angles
+    if data.observation_arguments is not None or angles:
+        raise ValueError(f"scenario must have numbers only, no angles, not {problem.name!r}")
+    observations, sampled = problem.samples()
+    measurements = np.where(sampled, observations, 0.0)[:steps]
+    inputs = np.zeros((steps, 0)) if data.inputs is None else data.inputs[:steps]
     return {
-        "x0": scenario.x0[np.newaxis],
-        "P0": scenario.P0,
-        "Q": scenario.Q,
-        "R": scenario.R,
+        "x0": problem.x0[np.newaxis],
+        "P0": problem.P0,
+        "Q": np.zeros((0, 0)) if problem.Q is None else problem.Q,
+        "R": problem.R,
         "input": np.asarray(inputs, dtype=np.float64),
         "measurement": measurements,
     }
 
 
-def _sampled(scenario: Scenario, steps: int) -> NDArray[np.uint32]:
+def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
     """Masks of the samples, a word each."""
-    m = scenario.params.m
-    sampled = np.ones((steps, m), dtype=bool) if scenario.sampled is None else scenario.sampled
-    return (sampled[:steps] @ (1 << np.arange(m, dtype=np.uint64))).astype(np.uint32)
+    _, sampled = problem.samples()
+    bits = 1 << np.arange(problem.params.m, dtype=np.uint64)
+    return (sampled[:steps] @ bits).astype(np.uint32)
 
 
-def _redraws(scenario: Scenario) -> bool:
-    """Whether the filter of the scenario redraws after a predict."""
-    return scenario.params.additive_q > 0 if scenario.redraw is None else scenario.redraw
-
-
-def _binary(scenario: Scenario, steps: int) -> bytes:
-    p = scenario.params
-    tables = _tables(scenario, steps)
+def _binary(problem: Problem, steps: int) -> bytes:
+    p = problem.params
+    tables = _tables(problem, steps)
     words = [
         MAGIC, VERSION, p.n, p.m, p.q, p.r, tables["input"].shape[1], steps,
-        int(_redraws(scenario)), 0,
+        int(problem.redraws), 0,
     ]  # fmt: skip
     numbers = np.concatenate(
-        [[scenario.times[0]], *(table.reshape(-1) for table in tables.values())]
+        [[problem.times[0]], *(table.reshape(-1) for table in tables.values())]
     )
     return b"".join((
         np.array(words, dtype="<u4").tobytes(),
         numbers.astype("<f8").tobytes(),
-        _sampled(scenario, steps).astype("<u4").tobytes(),
+        _sampled(problem, steps).astype("<u4").tobytes(),
     ))  # fmt: skip
 
 
-def _header(scenario: Scenario, steps: int) -> str:
-    p = scenario.params
-    tables = _tables(scenario, steps)
-    sampled = _sampled(scenario, steps)
+def _header(problem: Problem, steps: int) -> str:
+    p = problem.params
+    tables = _tables(problem, steps)
+    sampled = _sampled(problem, steps)
     lines = [
-        f"/* Scenario {scenario.name}, {steps} steps. Generated, do not edit. */",
+        f"/* Scenario {problem.name}, {steps} steps. Generated, do not edit. */",
         "#ifndef UKF_SCENARIO_DATA_H",
         "#define UKF_SCENARIO_DATA_H",
         "",
@@ -107,8 +104,8 @@ def _header(scenario: Scenario, steps: int) -> str:
         **{name: f"{getattr(p, name)}u" for name in "nmqr"},
         "inputs": f"{tables['input'].shape[1]}u",
         "steps": f"{steps}u",
-        "redraw": "true" if _redraws(scenario) else "false",
-        "interval": float(scenario.times[0]).hex(),
+        "redraw": "true" if problem.redraws else "false",
+        "interval": float(problem.times[0]).hex(),
         **{name: f"ukf_scenario_{name}" for name in (*tables, "sampled")},
     }
     lines += [
@@ -129,13 +126,14 @@ def _header(scenario: Scenario, steps: int) -> str:
     return "\n".join(lines)
 
 
-def export_scenario(scenario: Scenario, steps: int, output: Path) -> list[Path]:
+def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     """Write a scenario for C programs. Equal scenarios give equal files.
 
     Parameters
     ----------
-    scenario
-        The scenario, sampled at equal intervals. Its inputs are vectors, if it has any.
+    problem
+        The problem with its data, of one sensor, sampled at equal intervals. Its inputs are
+        vectors, if it has any.
     steps
         How many of its steps.
     output
@@ -149,11 +147,11 @@ def export_scenario(scenario: Scenario, steps: int, output: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If there are not that many steps, or the scenario has more than numbers.
+        If there are not that many steps, or the problem has several sensors or more than numbers.
     """
     contents = {
-        BINARY: _binary(scenario, steps),
-        HEADER: _header(scenario, steps).encode(),
+        BINARY: _binary(problem, steps),
+        HEADER: _header(problem, steps).encode(),
     }
     output.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():

@@ -21,7 +21,7 @@ from ukf_sim.c_in_the_loop.compiler import (
     write_headers,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_tools.arm.register_server import RegisterServer
 
@@ -75,14 +75,12 @@ class ArmOutcome:
     seconds: float
 
 
-def run_on_arm(
-    scenario: Scenario, steps: int, folder: Path, *, interrupt: bool = True
-) -> ArmOutcome:
+def run_on_arm(problem: Problem, steps: int, folder: Path, *, interrupt: bool = True) -> ArmOutcome:
     """Cross-compile the nanosatellite for a Cortex-A9 and run it under QEMU.
 
     Parameters
     ----------
-    scenario
+    problem
         A nanosatellite, with the parameters of the core.
     steps
         How many of its steps.
@@ -103,8 +101,8 @@ def run_on_arm(
         If compiler or emulator are not installed, or the program does not compile or fails.
     """
     require_arm()
-    binary, _ = export_scenario(scenario, steps, folder)
-    write_headers(scenario.params, folder)
+    binary, _ = export_scenario(problem, steps, folder)
+    write_headers(problem.params, folder)
     program = compile_c(
         [*DRIVER, *APPLICATION, *LINUX_MAIN], folder / "nanosat", [folder],
         toolchain=Toolchain.CORTEX_A9, flags=("-static",),
@@ -113,7 +111,7 @@ def run_on_arm(
     # Names of sockets are short, folders may be deep.
     with tempfile.TemporaryDirectory(prefix="ukf-arm-") as scratch:
         path = Path(scratch) / "socket"
-        with RegisterServer.of_golden(path, scenario.params) as server:
+        with RegisterServer.of_golden(path, problem.params) as server:
             start = time.monotonic()
             done = subprocess.run(
                 [*EMULATOR, str(program), f"remote:{path}", str(binary), str(results),
@@ -123,11 +121,11 @@ def run_on_arm(
             seconds = time.monotonic() - start
     if done.returncode:
         raise CompilerError(f"{program} ended with the code {done.returncode}:\n{done.stderr}")
-    found = read_results(results, scenario.params, steps)
+    found = read_results(results, problem.params, steps)
     return ArmOutcome(
         program=program,
         results=found,
-        mismatch=first_difference(found, golden_results(scenario, steps)),
+        mismatch=first_difference(found, golden_results(problem, steps)),
         words=server.words,
         seconds=seconds,
     )

@@ -4,7 +4,7 @@ import re
 from collections import defaultdict
 from pathlib import Path
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 from ukf_tools.baseline.executable import SOURCES, Executable, execute
 
 __all__ = ["COMPILER", "DISASSEMBLER", "SECTIONS", "Counts", "count"]
@@ -33,7 +33,7 @@ def _disassemble(path: Path) -> dict[int, str]:
     return found
 
 
-def count(program: Executable, variant: str, scenario: Scenario, folder: Path) -> Counts:
+def count(program: Executable, variant: str, problem: Problem, folder: Path) -> Counts:
     """Run a variant under qemu with the counting plugin.
 
     Parameters
@@ -42,7 +42,7 @@ def count(program: Executable, variant: str, scenario: Scenario, folder: Path) -
         Compiled for ARM.
     variant
         Of the program.
-    scenario
+    problem
         What to run.
     folder
         For the plugin and its output.
@@ -60,7 +60,7 @@ def count(program: Executable, variant: str, scenario: Scenario, folder: Path) -
     plugin, output = folder / "count.so", folder / f"counts-{variant}.txt"
     flags = ("-std=c11", "-O2", "-shared", "-fPIC")
     execute([COMPILER, *flags, str(SOURCES / "count.c"), "-o", str(plugin)])
-    program.run(variant, scenario, ("-d", "plugin", "-plugin", f"{plugin},output={output}"))
+    program.run(variant, problem, ("-d", "plugin", "-plugin", f"{plugin},output={output}"))
     instructions = _disassemble(program.path)
     counts: Counts = {section: defaultdict(int) for section in SECTIONS}
     for line in output.read_text(encoding="ascii").splitlines():

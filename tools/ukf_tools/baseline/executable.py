@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import Noise
 
 __all__ = ["ARM", "NATIVE", "SOURCES", "VARIANTS", "BaselineError", "Executable", "Target", "build"]
@@ -112,7 +112,7 @@ class Executable:
     target: Target
 
     def run(
-        self, variant: str, scenario: Scenario, emulator_flags: tuple[str, ...] = ()
+        self, variant: str, problem: Problem, emulator_flags: tuple[str, ...] = ()
     ) -> np.ndarray:
         """Run a variant on a scenario of the nanosatellite.
 
@@ -120,7 +120,7 @@ class Executable:
         ----------
         variant
             One of :data:`VARIANTS`.
-        scenario
+        problem
             With W0 = 0, inputs, and all observations in every step.
         emulator_flags
             Further flags of the emulator.
@@ -135,14 +135,15 @@ class Executable:
         BaselineError
             If a pivot was not positive, or the program failed otherwise.
         """
-        assert scenario.inputs is not None
-        first = (scenario.steps, scenario.times[0], *scenario.x0)
-        matrices = (scenario.P0, scenario.Q, scenario.R)
-        steps = np.hstack((np.asarray(scenario.inputs), scenario.measurements))
+        data, (measurements, _) = problem.record, problem.samples()
+        assert data.inputs is not None
+        first = (problem.steps, problem.times[0], *problem.x0)
+        matrices = (problem.P0, problem.Q, problem.R)
+        steps = np.hstack((np.asarray(data.inputs), measurements))
         numbers = np.concatenate((first, *(a.reshape(-1) for a in matrices), steps.reshape(-1)))
         emulator = [*self.target.emulator, *emulator_flags] if self.target.emulator else []
         output = execute([*emulator, str(self.path), variant], numbers.tobytes())
-        return np.frombuffer(output).reshape(-1, len(scenario.x0))
+        return np.frombuffer(output).reshape(-1, len(problem.x0))
 
 
 def build(target: Target, folder: Path, sysroot: Path | None = None) -> Executable:

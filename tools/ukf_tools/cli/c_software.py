@@ -34,7 +34,7 @@ from ukf_tools.cli.options import (
 from ukf_tools.cli.paths import folder_option
 
 if TYPE_CHECKING:
-    from ukf_sw.problems.scenario import Scenario
+    from ukf_sw.problem import Problem
     from ukf_sw.problems.scenario_files import CResults
 
 __all__ = ["c_arm", "c_loop", "export"]
@@ -121,12 +121,12 @@ def c_loop(
     except (CompilerError, SimulatorError) as error:
         fail(str(error), 1)
     with checked():
-        scenario = recipe.scenario(max(steps, beside_cocotb))
+        problem = recipe.scenario(max(steps, beside_cocotb))
     with progress_bars(counted=False) as bars, checked():
         bar = bars.add_task("Starting", total=None)
         try:
             outcome = run_c_in_the_loop(
-                scenario, steps, pipeline=core.pipeline, interrupt=interrupt,
+                problem, steps, pipeline=core.pipeline, interrupt=interrupt,
                 word_clocks=bus_latency, covariances=plot is not None,
                 progress=lambda what: bars.update(bar, description=what.capitalize()),
             )  # fmt: skip
@@ -153,7 +153,7 @@ def c_loop(
         else _rates(beside_cocotb, cocotb.seconds, cocotb.cpu_seconds),
         "attitude": None
         if plot is None
-        else describe_attitude(plot, scenario, outcome.results, core.title),
+        else describe_attitude(plot, problem, outcome.results, core.title),
     }
     if as_json:
         print_json(record)
@@ -215,7 +215,7 @@ def c_arm(
 
 
 def describe_attitude(
-    plot: Path, scenario: "Scenario", found: "CResults", title: str
+    plot: Path, problem: "Problem", found: "CResults", title: str
 ) -> dict[str, Any]:
     """Draw an attitude with its band, and give in numbers what the plot shows.
 
@@ -223,7 +223,7 @@ def describe_attitude(
     ----------
     plot
         Image to write.
-    scenario
+    problem
         A nanosatellite.
     found
         Results with covariances.
@@ -243,17 +243,17 @@ def describe_attitude(
         raise ValueError("found must have the covariances")
     title = f"{title}: C driver on the simulated core"
     try:
-        plot_attitude(plot, scenario, x, P, limit=LIMIT, title=title)
+        plot_attitude(plot, problem, x, P, limit=LIMIT, title=title)
     except OSError as error:
         fail(f"{plot}: {error.strerror}", 1)
-    errors = scenario.errors_of(x)[:, 0]
+    errors = problem.errors_of(x)[:, 0]
     above = np.flatnonzero(errors >= LIMIT)
     settled = 0 if not above.size else int(above[-1]) + 1
     return {
         "plot": str(plot),
         "limit": LIMIT,
         "error_at_end": float(errors[-1]),
-        "below_limit_from": float(scenario.times[settled]) if settled < len(errors) else None,
+        "below_limit_from": float(problem.times[settled]) if settled < len(errors) else None,
         "within_band": float(np.mean(errors < SIGMAS * attitude_deviations(x, P)[:, 0])),
     }
 

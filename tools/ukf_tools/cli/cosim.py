@@ -114,7 +114,7 @@ def cosim(
             )  # fmt: skip
         except SimulatorError as error:
             fail(str(error), 1)
-    reference = run(found.run.scenario, steps=steps, ends_at=(StepError,))
+    reference = run(found.run.problem, steps=steps, ends_at=(StepError,))
     judged = judge(found.run, reference)
     if found.run.steps:
         drawn = {"core, simulated": found.run, "float64 reference": reference}

@@ -94,7 +94,7 @@ def run(
     with progress_teller() as tell:
         for number_of, recipe in enumerate(recipes, start=1):
             with checked():
-                scenario = recipe.scenario(steps)
+                problem = recipe.scenario(steps)
             for name, made in found.items():
                 what = f"Running the {name}" + f", {number_of} of {runs}" * (runs > 1)
                 try:
@@ -102,7 +102,7 @@ def run(
                         computer = make_backend(name, core.params, core.pipeline)
                     made.append(
                         run_filter(
-                            scenario, computer, ends_at=(StepError,), every=200,
+                            problem, computer, ends_at=(StepError,), every=200,
                             progress=partial(tell, what),
                         )
                     )  # fmt: skip
@@ -125,7 +125,7 @@ def run(
             **core.record(),
             "backend": backend,
             "P0": p0,
-            "steps_requested": own[0].scenario.steps,
+            "steps_requested": own[0].problem.steps,
             "runs": [
                 _record(*row) for row in zip(seeds, own, each_judged, strict=True)
             ],
@@ -136,7 +136,7 @@ def run(
             "plot": None if image is None else str(image),
         })  # fmt: skip
     else:
-        wanted = own[0].scenario.steps * runs
+        wanted = own[0].problem.steps * runs
         results.print(f"{core.title}: {sum(one.steps for one in own)} of {wanted} steps")
         if runs > 1:
             _print_each(seeds, each_judged)

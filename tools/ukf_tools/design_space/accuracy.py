@@ -35,10 +35,10 @@ def measure_accuracy(recipe: Recipe, steps: int, backend: str) -> dict[str, Any]
         If the scenario does not have that many steps.
     """
     found = run(recipe.scenario(steps), backend, ends_at=(StepError,))
-    scenario = found.scenario
+    problem = found.problem
     return {
-        "names": list(scenario.error_names),
-        "units": list(scenario.error_units),
+        "names": list(problem.error_names),
+        "units": list(problem.error_units),
         "rms": judge(found).rms.tolist() or None if found.stop is None else None,
         "steps": found.steps,
         "stopped": None if found.stop is None else found.stop.as_dict(),

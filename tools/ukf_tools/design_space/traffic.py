@@ -37,9 +37,9 @@ def count_words(params: UkfParams) -> dict[str, int]:
     # The widest array has the shortest programs, and so is modelled soonest.
     quick = replace(params, pes=params.columns, form=Form.SQUARE_ROOT)
     # Sigma points are drawn once an iteration, as the cycles of an iteration assume.
-    scenario = replace(random_scenario(quick, steps=2), redraw=False)
+    problem = replace(random_scenario(quick, steps=2), redraw=False)
     driver = golden_driver(quick)
     counts: list[Traffic] = []
-    run(scenario, driver, after_step=lambda done, ukf: counts.append(driver.traffic))
+    run(problem, driver, after_step=lambda done, ukf: counts.append(driver.traffic))
     # The first iteration enables the core as well; the second is like all others.
     return asdict(counts[2] - counts[1])

@@ -4,7 +4,6 @@ from typing import Any
 
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
 
 __all__ = ["latency"]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Problem
 from ukf_sw.problems.systems.nanosat import attitude_deviations
 
 __all__ = ["SIGMAS", "plot_attitude"]
@@ -20,7 +20,7 @@ _SETTLING = 0.03
 
 def plot_attitude(
     file: Path,
-    scenario: Scenario,
+    problem: Problem,
     x: NDArray[np.float64],
     P: NDArray[np.float64],
     *,
@@ -33,7 +33,7 @@ def plot_attitude(
     ----------
     file
         Image to write; its folder is made if absent.
-    scenario
+    problem
         A nanosatellite.
     x
         Estimates of its first steps, shape (K, n).
@@ -53,8 +53,8 @@ def plot_attitude(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    times = scenario.times[: len(x)]
-    errors = scenario.errors_of(x)
+    times = problem.times[: len(x)]
+    errors = problem.errors_of(x)
     band = SIGMAS * attitude_deviations(x, P)
     figure = Figure(figsize=(9.0, 6.5), layout="constrained")
     FigureCanvasAgg(figure)

@@ -209,13 +209,12 @@ def _run_once(
     progress: Progress | None,
 ) -> str | None:
     """Run an entry on each backend; gives why one stopped, or None."""
-    scenario = entry.scenario(seed, steps)
-    params = replace(scenario.params, pes=min(PES, scenario.params.columns))
-    scenario = replace(scenario, params=params)
+    problem = entry.scenario(seed, steps)
+    problem = replace(problem, pes=min(PES, problem.params.columns))
     for kind, runs in found.items():
         label = f"{entry.name}: {kind}, run {len(runs) + 1}"
         made = run(
-            scenario,
+            problem,
             kind,
             ends_at=(UkfError,),
             progress=None if progress is None else partial(progress, label),
@@ -289,7 +288,7 @@ def evaluate_in_simulator(
     made = _unjudged(entry, "cosim", seed=seed, runs=1, steps=own.steps, stopped=stopped)
     made = replace(made, pes=pes, observed=found.observations)
     if own.steps:
-        reference = run(own.scenario, steps=own.steps)
+        reference = run(own.problem, steps=own.steps)
         made = replace(made, judgement=judge(own, reference))
         if output is not None:
             drawn = {"core, simulated": own, "float64 reference": reference}

@@ -90,19 +90,19 @@ def draw_errors(file: Path, entry: Entry, estimates: Estimates) -> Path:
         The file.
     """
     first = next(iter(estimates.values()))
-    scenario = first.scenario
+    problem = first.problem
     begin, end = float(first.times[0]), float(first.times[-1])
     # Where nothing is known about it, a twentieth of the run is taken for the filter to settle.
-    settled_at = scenario.settled if np.isfinite(scenario.settled) else begin + 0.05 * (end - begin)
-    count = len(scenario.error_names)
+    settled_at = problem.settled if np.isfinite(problem.settled) else begin + 0.05 * (end - begin)
+    count = len(problem.error_names)
     figure, panels = make_figure((8.0, 1.4 + 1.5 * count), count, share_x=True)
     thinned = False
-    for k, (name, unit) in enumerate(zip(scenario.error_names, scenario.error_units, strict=True)):
+    for k, (name, unit) in enumerate(zip(problem.error_names, problem.error_units, strict=True)):
         panel = panels[k]
         for style, (label, found) in zip(STYLES, estimates.items(), strict=False):
             errors = found.errors[:, k].copy()
-            if scenario.judged is not None:
-                errors[~scenario.judged[: len(errors)]] = np.nan
+            if problem.record.judged is not None:
+                errors[~problem.record.judged[: len(errors)]] = np.nan
             times, values = _thin(found.times, errors)
             thinned |= len(times) < found.steps
             marker = "." if len(times) <= 50 else None
@@ -159,12 +159,12 @@ def _draw_whole(file: Path, estimates: Estimates, caption: str) -> Path:
 
 def _draw_gyroscope(file: Path, found: Run, caption: str) -> Path:
     """Draw the true rates of the body, and those that the gyroscope gives."""
-    scenario = found.scenario
-    every = max(1, scenario.steps // POINTS)
+    data = found.problem.record
+    every = max(1, data.steps // POINTS)
     # The input of a step is the sample before it; truth holds attitude and bias after it.
-    times, measured = scenario.times[:-1:every], np.degrees(np.asarray(scenario.inputs)[1::every])
-    attitude = np.asarray(scenario.truth)[:, :4]
-    dt = scenario.times[1] - scenario.times[0]
+    times, measured = data.times[:-1:every], np.degrees(np.asarray(data.inputs)[1::every])
+    attitude = np.asarray(data.truth)[:, :4]
+    dt = data.times[1] - data.times[0]
     # The error of an attitude, taken for an estimate of the one before it, is the turn in between.
     true = attitude_error(attitude[1:], attitude[:-1])[::every, 1:] / dt
     figure, panels = make_figure((8.0, 5.4), 2, share_x=True)

@@ -34,20 +34,20 @@ def plot_errors(file: Path, runs: Mapping[str, Run], title: str) -> Path:
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    scenario = next(iter(runs.values())).scenario
-    unit = scenario.error_units[0]
+    problem = next(iter(runs.values())).problem
+    unit = problem.error_units[0]
     steps = max(found.steps for found in runs.values())
     for style, (name, found) in zip(("-", "--", ":"), runs.items(), strict=False):
         size = np.abs(found.errors[:, 0]) if unit else np.linalg.norm(found.errors, axis=1)
         marker = "." if steps <= 50 else None
         axes.plot(found.times, size, style, label=name, marker=marker, linewidth=1.2)
-    if scenario.limit is not None:
-        label = f"{scenario.limit:g} {unit}"
-        axes.axhline(scenario.limit, color="0.6", linewidth=0.8, label=label)
+    if problem.limit is not None:
+        label = f"{problem.limit:g} {unit}"
+        axes.axhline(problem.limit, color="0.6", linewidth=0.8, label=label)
     axes.set_yscale("log")
     axes.set_xlabel("time / s" if unit else "step")
     axes.set_ylabel(
-        f"{scenario.error_names[0]} error / {unit}" if unit else "norm of the error of x"
+        f"{problem.error_names[0]} error / {unit}" if unit else "norm of the error of x"
     )  # fmt: skip
     axes.set_title(title, fontsize=10)
     axes.grid(visible=True, which="both", alpha=0.3)

@@ -10,7 +10,7 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.systems.simulation import check_steps, draw
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -71,7 +71,7 @@ def current(times: Array) -> Array:
     ) + 0.5 * np.sin(2.0 * np.pi * times / 47.0)
 
 
-def battery(seed: int = 0, *, steps: int | None = None) -> Scenario:
+def battery(seed: int = 0, *, steps: int | None = None) -> Problem:
     """Make the scenario: two hours of a load, from a state of charge of 95 % on.
 
     The filter starts without knowledge, at 50 % with a standard deviation of 50 %, and believes 20
@@ -86,7 +86,7 @@ def battery(seed: int = 0, *, steps: int | None = None) -> Scenario:
 
     Returns
     -------
-    Scenario
+    Problem
         Errors of the state of charge in %, and of the series resistance in milliohms.
 
     Raises
@@ -111,21 +111,25 @@ def battery(seed: int = 0, *, steps: int | None = None) -> Scenario:
         difference = x - truth
         return np.column_stack((100.0 * difference[:, 0], 1e3 * difference[:, 3]))
 
-    return Scenario(
+    return Problem(
         name="battery",
-        params=BATTERY,
+        states={"state of charge": "", "voltage 1": "V", "voltage 2": "V", "resistance": "ohm"},
+        inputs={"current": "A"},
         f=process_model,
-        h=observation_model,
         vectorized=True,
         Q=Q,
-        R=R,
+        process_noise=Noise.ADDITIVE,
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(observation_model, R=R, observations={"voltage": "V"}),
         x0=np.array([0.5, 0.0, 0.0, 0.02]),
         P0=np.diag([0.5**2, 1e-4, 1e-4, 0.01**2]),
-        times=times[1:],
-        inputs=load[:-1],
-        measurements=measured[:, None],
-        observation_arguments=[{"current": float(ampere)} for ampere in load[1:]],
-        truth=truth,
+        data=Data(
+            times=times[1:],
+            inputs=load[:-1],
+            measurements=measured[:, None],
+            observation_arguments=[{"current": float(ampere)} for ampere in load[1:]],
+            truth=truth,
+        ),
         error=error,
         error_names=("state of charge", "resistance"),
         error_units=("%", "milliohm"),

@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.data import load_lidar_radar
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.simulation import check_steps
 from ukf_sw.spec.parameters import UkfParams
 
@@ -54,9 +54,9 @@ def process_model(x: Array, w: Array, u: float) -> Array:
     )
 
 
-def observation_model(x: Array, v: Array, *, sensor: str) -> Array:
+def observation_model(x: Array, v: Array, *, device: str) -> Array:
     """Observe with the lidar (x, y, noise) or the radar (range, range rate, bearing)."""
-    if sensor == "lidar":
+    if device == "lidar":
         return np.array([x[0] + LIDAR * v[0], x[1] + LIDAR * v[1], BEARING * v[2]])
     distance = np.sqrt(x[0] * x[0] + x[1] * x[1])
     rate = x[2] * (x[0] * np.cos(x[3]) + x[1] * np.sin(x[3])) / np.maximum(distance, 1e-6)
@@ -69,7 +69,7 @@ def observation_model(x: Array, v: Array, *, sensor: str) -> Array:
     )
 
 
-def ctrv(*, steps: int | None = None, lidar: Literal["padded", "masked"] = "padded") -> Scenario:
+def ctrv(*, steps: int | None = None, lidar: Literal["padded", "masked"] = "padded") -> Problem:
     """Make the scenario from the records; the first, of the lidar, makes the first estimate.
 
     It counts as a step, which predicts over no time and updates with nothing, because the authors
@@ -84,7 +84,7 @@ def ctrv(*, steps: int | None = None, lidar: Literal["padded", "masked"] = "padd
 
     Returns
     -------
-    Scenario
+    Problem
         Errors of position and velocity, along x and along y.
 
     Raises
@@ -94,10 +94,10 @@ def ctrv(*, steps: int | None = None, lidar: Literal["padded", "masked"] = "padd
     """
     if lidar not in ("padded", "masked"):
         raise ValueError(f"lidar must be 'padded' or 'masked', not {lidar!r}")
-    sensors, times, records, truth = load_lidar_radar()
+    devices, times, records, truth = load_lidar_radar()
     count = check_steps(steps, len(times))
     measurements = records[:, [0, 2, 1]]
-    by_lidar = np.array([sensor == "lidar" for sensor in sensors])
+    by_lidar = np.array([device == "lidar" for device in devices])
     measurements[by_lidar, 1] = records[by_lidar, 1]
     measurements[by_lidar, 2] = 0.0 if lidar == "padded" else np.nan
     sampled = np.ones((len(times), 3), dtype=np.bool_)
@@ -110,25 +110,26 @@ def ctrv(*, steps: int | None = None, lidar: Literal["padded", "masked"] = "padd
         velocity = x[:, 2:3] * np.column_stack((np.cos(x[:, 3]), np.sin(x[:, 3])))
         return np.column_stack((x[:, :2], velocity)) - truth
 
-    return Scenario(
+    return Problem(
         name="ctrv",
-        params=CTRV,
+        states={"x": "m", "y": "m", "speed": "m/s", "heading": "rad", "turn rate": "rad/s"},
+        state_angles=("heading",),
+        inputs={"interval": "s"},
         f=process_model,
-        h=observation_model,
         vectorized=True,
         Q=np.diag(np.square(ACCELERATIONS)),
-        R=np.eye(3),
+        sensors=Sensor(observation_model, R=np.eye(3), m=3, angles=(2,)),
         x0=np.array([records[0, 0], records[0, 1], 0.0, 0.0, 0.0]),
         P0=np.diag([LIDAR**2, LIDAR**2, 25.0, 0.1, 0.5]),
-        times=times[:count],
-        inputs=np.diff(times, prepend=times[0])[:count],
-        measurements=measurements[:count],
-        sampled=sampled[:count],
-        observation_arguments=[{"sensor": sensor} for sensor in sensors[:count]],
-        truth=truth[:count],
+        data=Data(
+            times=times[:count],
+            inputs=np.diff(times, prepend=times[0])[:count],
+            measurements=measurements[:count],
+            sampled=sampled[:count],
+            observation_arguments=[{"device": device} for device in devices[:count]],
+            truth=truth[:count],
+        ),
         error=error,
         error_names=("x", "y", "velocity x", "velocity y"),
         error_units=("m", "m", "m/s", "m/s"),
-        state_angles=(3,),
-        observation_angles=(2,),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.models import wrap
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.systems.simulation import check_steps, draw
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -29,6 +29,16 @@ FIX_EVERY = 20
 STEPS = 12_000
 #: The filter has settled by then, in seconds.
 SETTLED = 30.0
+
+#: Names and units of the states.
+STATES = {
+    "north": "m", "east": "m", "down": "m",
+    "velocity north": "m/s", "velocity east": "m/s", "velocity down": "m/s",
+    "roll": "rad", "pitch": "rad", "yaw": "rad",
+    "accelerometer bias x": "m/s^2", "accelerometer bias y": "m/s^2",
+    "accelerometer bias z": "m/s^2",
+    "gyroscope bias x": "rad/s", "gyroscope bias y": "rad/s", "gyroscope bias z": "rad/s",
+}  # fmt: skip
 
 GRAVITY = 9.80665
 #: Standard deviations of a sample: m/s^2, rad/s; of the drift of the biases in a step.
@@ -90,7 +100,7 @@ def _flight(times: Array) -> tuple[Array, Array]:
     return np.array([roll, pitch, yaw]), speed
 
 
-def gps_ins(seed: int = 0, *, steps: int | None = None) -> Scenario:
+def gps_ins(seed: int = 0, *, steps: int | None = None) -> Problem:
     """Make the scenario: two minutes of flight at about 20 m/s.
 
     The truth obeys the process model exactly: its samples are derived from the flight path.
@@ -104,7 +114,7 @@ def gps_ins(seed: int = 0, *, steps: int | None = None) -> Scenario:
 
     Returns
     -------
-    Scenario
+    Problem
         Errors: distance in m, speed in m/s, and the norm of the angles in degrees.
 
     Raises
@@ -179,24 +189,26 @@ def gps_ins(seed: int = 0, *, steps: int | None = None) -> Scenario:
             )
         )
 
-    return Scenario(
+    return Problem(
         name="gps-ins",
-        params=GPS_INS,
+        states=STATES,
+        state_angles=("roll", "pitch", "yaw"),
         f=process_model,
-        h=observation_model,
         vectorized=True,
         Q=Q,
-        R=R,
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(observation_model, R=R, observations=dict(list(STATES.items())[:6])),
         x0=x0,
         P0=P0,
-        times=times[1:],
-        inputs=inputs,
-        measurements=measurements,
-        sampled=sampled,
-        truth=truth[1:],
+        data=Data(
+            times=times[1:],
+            inputs=inputs,
+            measurements=measurements,
+            sampled=sampled,
+            truth=truth[1:],
+        ),
         error=error,
         error_names=("position", "velocity", "angles"),
         error_units=("m", "m/s", "degrees"),
-        state_angles=(6, 7, 8),
         settled=SETTLED,
     )

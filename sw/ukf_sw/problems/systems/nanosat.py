@@ -26,15 +26,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.models import ObservationModel, ProcessModel
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.spec.parameters import Noise, UkfParams
 
 __all__ = [
     "BODY_2018",
+    "BODY_RATES",
     "NANOSAT",
     "NANOSAT_2014",
     "NANOSAT_2018",
     "NANOSAT_ADDITIVE",
+    "OBSERVATIONS",
+    "STATES",
     "Body",
     "NanosatSettings",
     "attitude_deviations",
@@ -51,6 +54,18 @@ __all__ = [
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+
+#: Names and units of the states, of the observations in units of the local field, and of the
+#: inputs, the gyroscope's rates.
+STATES = {
+    "q1": "", "q2": "", "q3": "", "q0": "",
+    "bias x": "rad/s", "bias y": "rad/s", "bias z": "rad/s",
+}  # fmt: skip
+OBSERVATIONS = (
+    "accelerometer x", "accelerometer y", "accelerometer z",
+    "magnetometer x", "magnetometer y", "magnetometer z",
+)  # fmt: skip
+BODY_RATES = {"rate x": "rad/s", "rate y": "rad/s", "rate z": "rad/s"}
 
 #: The filter has settled by then, in seconds.
 SETTLED = 1.0
@@ -404,7 +419,7 @@ def _simulate(
     noise: Noise,
     physical: bool,
     steps: int | None,
-) -> Scenario:
+) -> Problem:
     """Simulate sensors over a motion."""
     dt = settings.dt
     whole = round(settings.duration / dt)
@@ -427,22 +442,25 @@ def _simulate(
 
     x0 = np.zeros(7)
     x0[:4] = triad(observations[3:, 0], observations[:3, 0], physical=physical)
-    augmented = noise is Noise.AUGMENTED
-    return Scenario(
+    return Problem(
         name=name,
-        params=NANOSAT if augmented else NANOSAT_ADDITIVE,
+        states=STATES,
+        inputs=BODY_RATES,
         redraw=False,  # the process noise of one step is far below the uncertainty it adds to
         f=process_model(dt),
-        h=h,
         vectorized=True,
-        Q=settings.Q if augmented else settings.Q * dt**2,
-        R=settings.R,
+        Q=settings.Q if noise is Noise.AUGMENTED else settings.Q * dt**2,
+        process_noise=noise,
+        observation_noise=noise,
+        sensors=Sensor(h, R=settings.R, observations=OBSERVATIONS),
         x0=x0,
         P0=P0 * np.eye(7),
-        times=times[1:],
-        inputs=np.ascontiguousarray(gyroscope[:, :-1].T),
-        measurements=np.ascontiguousarray(observations[:, 1:].T),
-        truth=np.vstack((q, beta))[:, 1:].T,
+        data=Data(
+            times=times[1:],
+            inputs=np.ascontiguousarray(gyroscope[:, :-1].T),
+            measurements=np.ascontiguousarray(observations[:, 1:].T),
+            truth=np.vstack((q, beta))[:, 1:].T,
+        ),
         error=attitude_error,
         error_names=("attitude", "x", "y", "z"),
         error_units=("degrees",) * 4,
@@ -459,8 +477,8 @@ def nanosat(
     physical: bool = False,
     steps: int | None = None,
     settings: NanosatSettings = NANOSAT_2018,
-) -> Scenario:
-    """Scenario of the 2018 paper: slow tumbling.
+) -> Problem:
+    """Problem of the 2018 paper: slow tumbling.
 
     Parameters
     ----------
@@ -479,7 +497,7 @@ def nanosat(
 
     Returns
     -------
-    Scenario
+    Problem
         Errors in degrees: total attitude, and about the body axes.
 
     Raises
@@ -501,8 +519,8 @@ def nanosat_2014(
     physical: bool = False,
     steps: int | None = None,
     settings: NanosatSettings = NANOSAT_2014,
-) -> Scenario:
-    """Scenario of the 2014 paper: oscillation about all axes. Arguments as :func:`nanosat`."""
+) -> Problem:
+    """Problem of the 2014 paper: oscillation about all axes. Arguments as :func:`nanosat`."""
     return _simulate(
         "nanosat-2014", settings, _oscillation,
         seed=seed, P0=P0, noise=noise, physical=physical, steps=steps,
@@ -521,8 +539,8 @@ def nanosat_2014_rates(
     noise: Noise = Noise.AUGMENTED,
     steps: int | None = None,
     settings: NanosatSettings = NANOSAT_2014,
-) -> Scenario:
-    """Scenario of the 2014 paper with predict and update at rates of their own.
+) -> Problem:
+    """Problem of the 2014 paper with predict and update at rates of their own.
 
     The gyroscope is sampled at 1 kHz, so there are 1000 predicts a second; the vector sensors at
     100 Hz.
@@ -538,7 +556,7 @@ def nanosat_2014_rates(
 
     Returns
     -------
-    Scenario
+    Problem
 
     Raises
     ------
@@ -548,6 +566,7 @@ def nanosat_2014_rates(
     if gaps not in ("regular", "random"):
         raise ValueError(f"gaps must be 'regular' or 'random', not {gaps!r}")
     made = nanosat_2014(seed, P0=P0, noise=noise, steps=steps, settings=settings)
+    measured, _ = made.samples()
     sampled = np.zeros((made.steps, 6), dtype=np.bool_)
     if gaps == "regular":
         sampled[EVERY - 1 :: EVERY] = True
@@ -558,9 +577,5 @@ def nanosat_2014_rates(
         at = np.cumsum(drawn, axis=0) - 1
         for sensor, rows in enumerate((slice(0, 3), slice(3, 6))):
             sampled[at[at[:, sensor] < made.steps, sensor], rows] = True
-    return replace(
-        made,
-        name=f"nanosat-2014-{gaps}",
-        sampled=sampled,
-        measurements=np.where(sampled, made.measurements, np.nan),
-    )
+    data = replace(made.record, measurements=np.where(sampled, measured, np.nan), sampled=sampled)
+    return replace(made, name=f"nanosat-2014-{gaps}", data=data)

@@ -8,7 +8,7 @@ that of white acceleration noise, so it is correlated.
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.systems.simulation import check_steps, draw
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -40,7 +40,7 @@ def observation_model(x: Array, v: Array) -> Array:
     return np.sin(x[:1]) + v
 
 
-def pendulum(seed: int = 0, *, steps: int | None = None) -> Scenario:
+def pendulum(seed: int = 0, *, steps: int | None = None) -> Problem:
     """Make the scenario: 5 s from (1.5, 0); the filter believes (1.8, 0).
 
     Parameters
@@ -52,7 +52,7 @@ def pendulum(seed: int = 0, *, steps: int | None = None) -> Scenario:
 
     Returns
     -------
-    Scenario
+    Problem
         Errors of angle and rate.
 
     Raises
@@ -68,20 +68,20 @@ def pendulum(seed: int = 0, *, steps: int | None = None) -> Scenario:
     for k in range(count):
         x = process_model(x, w[k], None)
         truth[k] = x
-    return Scenario(
+    return Problem(
         name="pendulum",
-        params=PENDULUM,
+        states={"angle": "rad", "rate": "rad/s"},
         f=process_model,
-        h=observation_model,
         vectorized=True,
         Q=Q,
-        R=R,
+        process_noise=Noise.ADDITIVE,
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(observation_model, R=R, observations=("sine of the angle",)),
         x0=np.array([1.8, 0.0]),
         P0=0.1 * np.eye(2),
-        times=DT * np.arange(1, count + 1, dtype=np.float64),
-        measurements=np.sin(truth[:, :1]) + np.sqrt(R[0, 0]) * draws[:, 2:],
-        truth=truth,
-        error=lambda x, truth: x - truth,
-        error_names=("angle", "rate"),
-        error_units=("rad", "rad/s"),
+        data=Data(
+            times=DT * np.arange(1, count + 1, dtype=np.float64),
+            measurements=np.sin(truth[:, :1]) + np.sqrt(R[0, 0]) * draws[:, 2:],
+            truth=truth,
+        ),
     )

@@ -18,11 +18,18 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.data import load_inertial
-from ukf_sw.problems.scenario import Scenario
-from ukf_sw.problems.systems.nanosat import NANOSAT_ADDITIVE, attitude_error, multiply, triad
+from ukf_sw.problems.systems.nanosat import (
+    BODY_RATES,
+    NANOSAT_ADDITIVE,
+    STATES,
+    attitude_error,
+    multiply,
+    triad,
+)
 from ukf_sw.problems.systems.simulation import check_steps
-from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.spec.parameters import Noise, UkfParams
 
 __all__ = ["RECORDED_IMU", "observation_model", "process_model", "recorded_imu"]
 
@@ -79,7 +86,7 @@ def observation_model(dip: float) -> Callable[[Array, Array], Array]:
     return partial(_observe, level=np.cos(dip), up=-np.sin(dip))
 
 
-def recorded_imu(*, steps: int | None = None) -> Scenario:
+def recorded_imu(*, steps: int | None = None) -> Problem:
     """Make the scenario from the record.
 
     Parameters
@@ -89,7 +96,7 @@ def recorded_imu(*, steps: int | None = None) -> Scenario:
 
     Returns
     -------
-    Scenario
+    Problem
         Errors in degrees: total attitude, and about the body axes. Judged are the steps that the
         authors mark, in motion, and of these those with a truth. There are none in the first
         33 s; a scenario without any judges the steps with a truth.
@@ -117,22 +124,30 @@ def recorded_imu(*, steps: int | None = None) -> Scenario:
     truth = multiply(quarter[:, None], data["truth"][:, [1, 2, 3, 0]].T).T
     known = ~np.isnan(truth[1 : count + 1, 0])
     judged = known & (data["movement"][1 : count + 1] > 0.0)
-    return Scenario(
+    return Problem(
         name="recorded-imu",
-        params=RECORDED_IMU,
+        states=STATES,
+        inputs=BODY_RATES,
         redraw=False,  # the process noise of one step is far below the uncertainty it adds to
         f=process_model(1.0 / rate),
-        h=observation_model(dip),
         vectorized=True,
         Q=np.diag([ETA_Q] * 4 + [ETA_D] * 3) / rate**2,
-        R=np.diag([SIGMA_A**2] * 3 + [SIGMA_M**2] * 3),
+        process_noise=Noise.ADDITIVE,
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(
+            observation_model(dip),
+            R=np.diag([SIGMA_A**2] * 3 + [SIGMA_M**2] * 3),
+            observations=("up x", "up y", "up z", "field x", "field y", "field z"),
+        ),
         x0=x0,
         P0=P0 * np.eye(7),
-        times=np.arange(1, count + 1) / rate,
-        inputs=data["gyroscope"][1 : count + 1],
-        measurements=np.hstack(directions)[1 : count + 1],
-        truth=truth[1 : count + 1],
-        judged=judged if judged.any() else known,
+        data=Data(
+            times=np.arange(1, count + 1) / rate,
+            inputs=data["gyroscope"][1 : count + 1],
+            measurements=np.hstack(directions)[1 : count + 1],
+            truth=truth[1 : count + 1],
+            judged=judged if judged.any() else known,
+        ),
         error=attitude_error,
         error_names=("attitude", "x", "y", "z"),
         error_units=("degrees",) * 4,

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.models import wrap
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.data import load_odometry
-from ukf_sw.problems.scenario import Scenario
 from ukf_sw.problems.systems.simulation import check_steps, draw
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -52,7 +52,7 @@ def observation_model(x: Array, v: Array) -> Array:
     return x[1:3] + v
 
 
-def recorded_odometry(seed: int = 0, *, steps: int | None = None) -> Scenario:
+def recorded_odometry(seed: int = 0, *, steps: int | None = None) -> Problem:
     """Make the scenario.
 
     Parameters
@@ -64,7 +64,7 @@ def recorded_odometry(seed: int = 0, *, steps: int | None = None) -> Scenario:
 
     Returns
     -------
-    Scenario
+    Problem
         Errors: distance in m, heading in degrees.
 
     Raises
@@ -86,23 +86,26 @@ def recorded_odometry(seed: int = 0, *, steps: int | None = None) -> Scenario:
         distance = np.linalg.norm(x[:, 1:] - truth[:, 1:], axis=1)
         return np.column_stack((distance, np.degrees(wrap(x[:, 0] - truth[:, 0], 0.0))))
 
-    return Scenario(
+    return Problem(
         name="recorded-odometry",
-        params=ODOMETRY,
+        states={"heading": "rad", "x": "m", "y": "m"},
+        state_angles=("heading",),
+        inputs={"interval": "s", "forward": "m/s", "sideways": "m/s", "turn rate": "rad/s"},
         f=process_model,
-        h=observation_model,
         vectorized=True,
         Q=np.diag(np.square(DEVIATIONS)),
-        R=FIX**2 * np.eye(2),
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(observation_model, R=FIX**2 * np.eye(2), observations={"x": "m", "y": "m"}),
         x0=truth[0] + [HEADING_ERROR, 0.0, 0.0],
         P0=np.diag([HEADING_ERROR**2, FIX**2, FIX**2]),
-        times=times[1 : count + 1],
-        inputs=inputs[:count],
-        measurements=measurements[:count],
-        sampled=np.repeat(fixed[:count, None], 2, axis=1),
-        truth=truth[1 : count + 1],
+        data=Data(
+            times=times[1 : count + 1],
+            inputs=inputs[:count],
+            measurements=measurements[:count],
+            sampled=np.repeat(fixed[:count, None], 2, axis=1),
+            truth=truth[1 : count + 1],
+        ),
         error=error,
         error_names=("position", "heading"),
         error_units=("m", "degrees"),
-        state_angles=(0,),
     )

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
+from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.systems.simulation import check_steps, draw
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -93,7 +93,7 @@ def reentry(
     *,
     steps: int | None = None,
     origin: Literal["earth", "radar"] = "earth",
-) -> Scenario:
+) -> Problem:
     """Make the scenario: 200 s, radar at 10 Hz.
 
     Parameters
@@ -107,7 +107,7 @@ def reentry(
 
     Returns
     -------
-    Scenario
+    Problem
         Errors: distance, speed, and x5.
 
     Raises
@@ -143,21 +143,27 @@ def reentry(
             )
         )
 
-    return Scenario(
+    return Problem(
         name="reentry",
-        params=REENTRY,
+        states={"x1": "km", "x2": "km", "x3": "km/s", "x4": "km/s", "x5": ""},
         f=process_model(centre),
-        h=observation_model(centre),
         vectorized=True,
         Q=Q,
-        R=R,
+        observation_noise=Noise.ADDITIVE,
+        sensors=Sensor(
+            observation_model(centre),
+            R=R,
+            observations={"range": "km", "bearing": "rad"},
+            angles=("bearing",),
+        ),
         x0=np.array(START) - shift,
         P0=np.diag([1e-6] * 4 + [1.0]),
-        times=DT * np.arange(1, count + 1, dtype=np.float64),
-        measurements=np.ascontiguousarray(measurements),
-        truth=truth,
+        data=Data(
+            times=DT * np.arange(1, count + 1, dtype=np.float64),
+            measurements=np.ascontiguousarray(measurements),
+            truth=truth,
+        ),
         error=error,
         error_names=("position", "velocity", "ballistic parameter"),
         error_units=("km", "km/s", ""),
-        observation_angles=(1,),
     )

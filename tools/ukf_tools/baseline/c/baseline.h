@@ -17,7 +17,7 @@ enum section { OUTSIDE = 0, SIG_GEN = 1, PREDICT = 2, UPDATE = 3, MODELS = 4 };
 #define MARK(section) ((void)(section))
 #endif
 
-/* A filter: matrices are row by row; Q and R as ukf_sw.problems.scenario has them. */
+/* A filter: matrices are row by row; Q and R as ukf_sw.problem has them. */
 struct filter {
     const char *name;
     void (*initialise)(double dt, const double x[STATES], const double P[STATES * STATES],

@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.problems.scenario import Scenario
-from ukf_sw.problems.systems.nanosat import attitude_error
+from ukf_sw.problem import Data, Problem, Sensor
+from ukf_sw.problems.systems.nanosat import BODY_RATES, attitude_error
 from ukf_sw.problems.systems.simulation import check_steps
 from ukf_sw.problems.systems.swampsat.flight import SETTINGS, Flight, SwampsatSettings, simulate
 from ukf_sw.problems.systems.swampsat.quest import quest
 from ukf_sw.problems.systems.swampsat.sampling import Sampling
 from ukf_sw.problems.systems.swampsat.ukf import (
+    OBSERVATIONS,
+    STATES,
     SWAMPSAT,
     observation_model,
     process_covariance,
@@ -41,7 +43,7 @@ def first_attitude(flight: Flight) -> Array:
     return quest(flight.vectors[0], flight.references[0], weights)
 
 
-def scenario_of(flight: Flight, sampling: Sampling, params: UkfParams = SWAMPSAT) -> Scenario:
+def scenario_of(flight: Flight, sampling: Sampling, params: UkfParams = SWAMPSAT) -> Problem:
     """Make the scenario of a flight.
 
     Every slot predicts with the gyroscope; slots at whose end the vector sensors are sampled update
@@ -58,7 +60,7 @@ def scenario_of(flight: Flight, sampling: Sampling, params: UkfParams = SWAMPSAT
 
     Returns
     -------
-    Scenario
+    Problem
         Errors in degrees: total attitude, and about the body axes.
 
     Raises
@@ -73,26 +75,33 @@ def scenario_of(flight: Flight, sampling: Sampling, params: UkfParams = SWAMPSAT
     arguments: list[dict[str, Any]] = [{"references": r} for r in flight.references[1:]]
     variances = [settings.sigma_attitude**2 / 4.0] * 4 + [settings.sigma_bias**2] * 3
     sigma_v = sensors.angle_random_walk * sampling.noise_factor**0.5
-    return Scenario(
+    problem = Problem(
         name="swampsat",
-        params=params,
+        states=STATES,
+        inputs=BODY_RATES,
         f=process_model(settings.dt),
-        h=observation_model(),
         vectorized=True,
         Q=process_covariance(sigma_v, sensors.rate_random_walk, settings.dt),
-        R=np.diag(np.repeat(sensors.sigma_vectors**2, 3)),
+        sensors=Sensor(
+            observation_model(),
+            R=np.diag(np.repeat(sensors.sigma_vectors**2, 3)),
+            observations=OBSERVATIONS,
+        ),
         x0=np.append(first_attitude(flight), np.zeros(3)),
         P0=np.diag(variances),
-        times=flight.times[1:],
-        inputs=flight.gyroscope[sampling.gyroscope_slots(count)],
-        measurements=flight.vectors[1:].reshape(count, 6),
-        sampled=sampled,
-        observation_arguments=arguments,
-        truth=np.hstack((flight.attitude, flight.bias))[1:],
+        data=Data(
+            times=flight.times[1:],
+            inputs=flight.gyroscope[sampling.gyroscope_slots(count)],
+            measurements=flight.vectors[1:].reshape(count, 6),
+            sampled=sampled,
+            observation_arguments=arguments,
+            truth=np.hstack((flight.attitude, flight.bias))[1:],
+        ),
         error=attitude_error,
         error_names=("attitude", "x", "y", "z"),
         error_units=("degrees",) * 4,
     )
+    return problem.for_core(params)
 
 
 def swampsat(
@@ -102,7 +111,7 @@ def swampsat(
     settings: SwampsatSettings = SETTINGS,
     params: UkfParams = SWAMPSAT,
     steps: int | None = None,
-) -> Scenario:
+) -> Problem:
     """Simulate a flight and make its scenario.
 
     Parameters
@@ -120,7 +129,7 @@ def swampsat(
 
     Returns
     -------
-    Scenario
+    Problem
         As :func:`scenario_of`; errors count in the second half of the whole duration.
 
     Raises

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend
 from ukf_sw.errors import UkfError
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.judging import rms_after
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import attitude_error
@@ -193,9 +194,9 @@ def make_ukf(
         As for :func:`run_ukf`.
     """
     sensors = flight.settings.sensors
-    scenario = scenario_of(flight, Sampling(interval=flight.settings.dt), params)
+    problem = scenario_of(flight, Sampling(interval=flight.settings.dt), params)
     return UkfEstimator(
-        scenario.filter(backend), sensors.angle_random_walk, sensors.rate_random_walk
+        UnscentedKalmanFilter(problem, backend), sensors.angle_random_walk, sensors.rate_random_walk
     )
 
 
@@ -262,11 +263,11 @@ def run_ukf(
     Errors
         At the end of every slot. A filter that breaks off is an outcome: see its ``failed``.
     """
-    scenario = scenario_of(flight, sampling, params)
-    found = run(scenario, backend, ends_at=(UkfError,), progress=progress, every=1000)
+    problem = scenario_of(flight, sampling, params)
+    found = run(problem, backend, ends_at=(UkfError,), progress=progress, every=1000)
     if found.stop is not None:
         empty = np.full((flight.steps, 3), np.nan)
         failed = found.stop.message
-        return Errors(times=scenario.times, attitude=empty[:, 0], bias=empty, failed=failed)
+        return Errors(times=problem.times, attitude=empty[:, 0], bias=empty, failed=failed)
     bias = np.degrees(found.x[:, 4:] - flight.bias[1:])
     return Errors(times=found.times, attitude=found.errors[:, 0], bias=bias)

@@ -15,12 +15,26 @@ from ukf_sw.models import ObservationModel, ProcessModel
 from ukf_sw.problems.systems.swampsat.kinematics import propagate
 from ukf_sw.spec.parameters import UkfParams
 
-__all__ = ["SWAMPSAT", "UkfEstimator", "observation_model", "process_covariance", "process_model"]
+__all__ = [
+    "OBSERVATIONS",
+    "STATES",
+    "SWAMPSAT",
+    "UkfEstimator",
+    "observation_model",
+    "process_covariance",
+    "process_model",
+]
 
 Array = NDArray[np.float64]
 
 #: All noise augmented, as in the papers on the core: M = 20, N = 22; ten processing elements.
 SWAMPSAT = UkfParams(n=7, m=6, q=7, r=6, pes=10)
+#: Names and units of the states, and names of the observations.
+STATES = {
+    "q1": "", "q2": "", "q3": "", "q4": "",
+    "bias x": "rad/s", "bias y": "rad/s", "bias z": "rad/s",
+}  # fmt: skip
+OBSERVATIONS = ("Sun x", "Sun y", "Sun z", "field x", "field y", "field z")
 
 
 def _move(x: Array, w: Array, u: Array, *, time: float) -> Array:
