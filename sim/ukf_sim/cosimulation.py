@@ -272,10 +272,10 @@ def cosimulate(
     Parameters
     ----------
     make
-        Makes the scenario, a problem with its data, of at least so many steps: ``make(steps)``. It is called here and,
-        because the models run there, in the process of the simulator. So it must be found there: a
-        function at the top level of a module that can be imported, a ``functools.partial`` of one,
-        or a method of an object that can be pickled, as
+        Makes the scenario, a problem with its data, of at least so many steps: ``make(steps)``. It
+        is called here and, because the models run there, in the process of the simulator. So it
+        must be found there: a function at the top level of a module that can be imported, a
+        ``functools.partial`` of one, or a method of an object that can be pickled, as
         :meth:`ukf_sw.problems.recipe.Recipe.scenario`.
     steps
         How many steps.

@@ -93,8 +93,12 @@ def as_indices(
     indices: list[int] = []
     for index in value:
         if isinstance(index, str):
+            if not names:
+                raise ValueError(
+                    f"{name} must be indices, as the rows have no names, not {index!r}"
+                )
             if index not in names:
-                raise ValueError(f"{name} must be of {', '.join(names) or 'rows'}, not {index!r}")
+                raise ValueError(f"{name} must be among {', '.join(names)}, not {index!r}")
             indices.append(names.index(index))
         else:
             indices.append(as_int(f"each of {name}", index))

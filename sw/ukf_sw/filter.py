@@ -10,7 +10,7 @@ from ukf_sw.backends import Backend, make_backend
 from ukf_sw.certainty import Certainty
 from ukf_sw.errors import REFUSALS, NotFiniteError
 from ukf_sw.models import CheckedModel, wrap
-from ukf_sw.problem import Problem
+from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.results import ReadOnlyArray
 from ukf_sw.spec.fields import as_number
 from ukf_sw.spec.parameters import Form, UkfParams
@@ -89,6 +89,11 @@ class UnscentedKalmanFilter:
         if not isinstance(cast("object", backend), (str, Backend)):
             raise TypeError(f"backend must be a name or a Backend, not {backend!r}")
         if not isinstance(backend, str):
+            if backend.params.W0 != problem.W0:
+                raise ValueError(
+                    f"W0 of a core for {problem.name} must be {problem.W0!r}, not "
+                    f"{backend.params.W0!r}"
+                )
             problem = problem.for_core(backend.params)
         self._problem = problem
         self._params = params = problem.params
@@ -96,10 +101,9 @@ class UnscentedKalmanFilter:
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
             rows=params.n, vectorized=problem.vectorized, angles=problem.state_angles,
         )  # fmt: skip
-        several = len(problem.sensor_names) > 1
         self._h = tuple(
             CheckedModel(
-                problem.sensor(name).h, role="observation model h" + f" of {name}" * several,
+                problem.sensor(name).h, role="observation model " + of_sensor("h", name),
                 takes=("x", "v"), asked_by="update", rows=len(params.rows_of(number)),
                 vectorized=problem.vectorized, angles=problem.sensor(name).angles,
             )

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CheckedModel", "ObservationModel", "ProcessModel", "wrap"]
+__all__ = ["CheckedModel", "ObservationModel", "ProcessModel", "check_takes", "wrap"]
 
 ProcessModel = Callable[..., ArrayLike]
 ObservationModel = Callable[..., ArrayLike]
@@ -86,6 +86,26 @@ def _signature(function: Callable[..., Any]) -> inspect.Signature | None:
         return None
 
 
+def check_takes(function: Callable[..., ArrayLike], role: str, takes: tuple[str, ...]) -> str:
+    """Check that a model can be called with so many arguments; gives its name in messages.
+
+    Raises
+    ------
+    TypeError
+        If it cannot.
+    """
+    # The function of a functools.partial; a callable object has the name of its class.
+    inner: object = getattr(function, "func", function)
+    name = f"{role} ({getattr(inner, '__name__', type(inner).__name__)})"
+    signature = _signature(function)
+    if signature is not None:
+        try:
+            signature.bind_partial(*takes)
+        except TypeError as error:
+            raise TypeError(f"{name} must take ({', '.join(takes)}), not {signature}") from error
+    return name
+
+
 class CheckedModel:
     """A user's model, with checks of what it does; see :mod:`ukf_sw.models`.
 
@@ -123,18 +143,8 @@ class CheckedModel:
         vectorized: bool = False,
         angles: tuple[int, ...] = (),
     ) -> None:
-        # The function of a functools.partial; a callable object has the name of its class.
-        inner: object = getattr(function, "func", function)
-        self.name = f"{role} ({getattr(inner, '__name__', type(inner).__name__)})"
+        self.name = check_takes(function, role, takes)
         self.function = function
-        signature = _signature(function)
-        if signature is not None:
-            try:
-                signature.bind_partial(*takes)
-            except TypeError as error:
-                raise TypeError(
-                    f"{self.name} must take ({', '.join(takes)}), not {signature}"
-                ) from error
         self._noise = takes[1]
         self._asked_by = asked_by
         self._rows = rows

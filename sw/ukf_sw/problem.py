@@ -18,7 +18,7 @@ Everything takes it: the filter, runs, co-simulation, sweeps, export, the comman
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, fields, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, cast
 
@@ -26,18 +26,31 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.arrays import as_covariance, as_indices, as_vector
-from ukf_sw.models import ObservationModel, ProcessModel, wrap
+from ukf_sw.models import ObservationModel, ProcessModel, check_takes, wrap
 from ukf_sw.spec.fields import as_bool, as_int, parameters_of
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
-__all__ = ["Data", "Problem", "Sensor"]
+__all__ = ["Data", "Problem", "Sensor", "of_sensor"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: Name of the sensor of a problem that has one, and gives it none.
 ONLY = "sensor"
+
+
+def of_sensor(what: str, name: str) -> str:
+    """What is of a sensor, in messages: "R of gps"; "R" of a sensor that was given no name."""
+    return what if name == ONLY else f"{what} of {name}"
+
+
+def _array(name: str, value: Any) -> NDArray[Any]:
+    """Check data of a sensor: numbers, or bool."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub":
+        raise TypeError(f"{name} must be an array of real numbers, not {value!r}")
+    return array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +100,7 @@ class Data:
     inputs
         Input u of each predict, K of them; None gives ``u=None``.
     observation_arguments
-        Keyword arguments of h, K of them; None is none.
+        Keyword arguments of the h of every sensor, K of them; None is none.
     truth
         True states, or whatever the problem's `error` compares with, shape (K, ...). None if it is
         not known; then there are no errors.
@@ -170,6 +183,11 @@ def _rows(name: str, value: ArrayLike | None) -> int:
     return shape[0]
 
 
+def _covariance_of(sensor: Sensor) -> Array:
+    """R of a sensor that has been completed."""
+    return cast("Array", sensor.R)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
     """An estimation problem.
@@ -188,7 +206,8 @@ class Problem:
         Its covariance, shape (n, n), positive semidefinite; positive definite for a core of the
         covariance form.
     Q
-        Covariance of the process noise w, shape (q, q), positive semidefinite; None is no noise.
+        Covariance of the process noise w, shape (q, q), positive semidefinite. Without it there is
+        no noise.
     process_noise, observation_noise
         How w, and the v of every sensor, enter the models.
     states
@@ -225,8 +244,6 @@ class Problem:
     ValueError
         If something has a wrong shape or value, or data of a sensor is missing or nobody's; the
         message names the rule and the value.
-    Exception
-        What h raises when it is called to count its observations.
     """
 
     name: str
@@ -234,7 +251,7 @@ class Problem:
     sensors: Mapping[str, Sensor] | Sensor
     x0: Array
     P0: Array
-    Q: Array | None = None
+    Q: Array = field(default_factory=lambda: np.zeros((0, 0)))
     process_noise: Noise = Noise.AUGMENTED
     observation_noise: Noise = Noise.AUGMENTED
     states: Mapping[str, str] | Sequence[str] = ()
@@ -256,6 +273,7 @@ class Problem:
     def __post_init__(self) -> None:
         if not callable(self.f):
             raise TypeError(f"f must be callable, not {self.f!r}")
+        check_takes(self.f, "process model f", ("x", "w", "u"))
         for name in ("process_noise", "observation_noise", "form", "format"):
             self._set(name, parameters_of(UkfParams)[name].check(getattr(self, name)))
         self._set("vectorized", as_bool("vectorized", self.vectorized))
@@ -276,15 +294,19 @@ class Problem:
         if self.process_noise is Noise.ADDITIVE and q:
             q = n
         self._set("Q", as_covariance(self.Q, "Q", q))
-        self._set("state_angles", as_indices(self.state_angles, "state_angles", n, self.states))
+        self._set(
+            "state_angles", as_indices(self.state_angles, "state_angles", n, tuple(self.states))
+        )
         self._set("sensors", self._complete_sensors())
         _ = self.params  # it is checked there that there is such a core
         if isinstance(self.data, Data):
             self._set("data", self._complete_data(self.data))
-            if self.error is None and not self.error_names and self.data.truth is not None:
-                named = self.states or {f"x[{i}]": "" for i in range(n)}
-                self._set("error_names", tuple(named))
-                self._set("error_units", tuple(cast("dict[str, str]", named).values()))
+        elif self.data is not None and not callable(self.data):
+            raise TypeError(f"data must be Data or a function that makes them, not {self.data!r}")
+        if self.error is None and not self.error_names:
+            named = cast("dict[str, str]", self.states) or {f"x[{i}]": "" for i in range(n)}
+            self._set("error_names", tuple(named))
+            self._set("error_units", tuple(named.values()))
 
     def _set(self, name: str, value: Any) -> None:
         """Keep an argument as what it means."""
@@ -302,35 +324,51 @@ class Problem:
                 f"sensors must be a Sensor, or some of them by name, not {self.sensors!r}"
             )
         additive = self.observation_noise is Noise.ADDITIVE
-        noisy = any(_rows(f"R of {name}", sensor.R) for name, sensor in given.items())
+        noisy = False
+        for name, sensor in given.items():
+            self._check_sensor(name, sensor)
+            noisy |= _rows(of_sensor("R", name), sensor.R) > 0
         return {
             name: self._complete(name, sensor, noisy=additive and noisy)
             for name, sensor in given.items()
         }
 
-    def _complete(self, name: str, sensor: Sensor, *, noisy: bool) -> Sensor:
-        """Fill in what a sensor left open; `noisy`: R is of the size of the observations."""
+    @staticmethod
+    def _check_sensor(name: str, sensor: Sensor) -> None:
+        """Check that it is one."""
         if not (isinstance(cast("object", name), str) and name.isidentifier()):
             raise ValueError(f"sensors must have names like gps, not {name!r}")
         if not isinstance(cast("object", sensor), Sensor):
-            raise TypeError(f"sensors must be of the class Sensor, and {name} is not {sensor!r}")
+            raise TypeError(f"sensors must be of the class Sensor, and {name} is not: {sensor!r}")
+        h = of_sensor("h", name)
         if not callable(sensor.h):
-            raise TypeError(f"h of {name} must be callable, not {sensor.h!r}")
-        names = _named(sensor.observations, f"observations of {name}")
-        r = _rows(f"R of {name}", sensor.R)
-        m = len(names) if sensor.m is None else as_int(f"m of {name}", sensor.m)
-        m = m or self._count(name, sensor, r)
+            raise TypeError(f"{h} must be callable, not {sensor.h!r}")
+        check_takes(sensor.h, f"observation model {h}", ("x", "v"))
+
+    def _complete(self, name: str, sensor: Sensor, *, noisy: bool) -> Sensor:
+        """Fill in what a sensor left open; `noisy`: R is of the size of the observations."""
+        names = _named(sensor.observations, of_sensor("observations", name))
+        r = _rows(of_sensor("R", name), sensor.R)
+        if sensor.m is not None:
+            m = as_int(of_sensor("m", name), sensor.m)
+            if m < 1:
+                raise ValueError(f"{of_sensor('m', name)} must be at least 1, not {m!r}")
+        else:
+            m = len(names) or self._count(name, sensor, r)
         if names and m != len(names):
-            raise ValueError(f"m of {name} must be {len(names)}, the number of names, not {m!r}")
+            raise ValueError(
+                f"{of_sensor('m', name)} must be {len(names)}, the number of names, not {m!r}"
+            )
         R = sensor.R
         if noisy:
             R, r = (np.zeros((m, m)) if R is None else R), m
+        stem = "z" if name == ONLY else name
         return Sensor(
             sensor.h,
-            R=as_covariance(R, f"R of {name}", r),
+            R=as_covariance(R, of_sensor("R", name), r),
             m=m,
-            observations=names or {f"{name}[{i}]" if m > 1 else name: "" for i in range(m)},
-            angles=as_indices(sensor.angles, f"angles of {name}", m, tuple(names)),
+            observations=names or {f"{stem}[{i}]" if m > 1 else stem: "" for i in range(m)},
+            angles=as_indices(sensor.angles, of_sensor("angles", name), m, tuple(names)),
         )
 
     def _count(self, name: str, sensor: Sensor, r: int) -> int:
@@ -342,14 +380,14 @@ class Problem:
             result = np.asarray(sensor.h(x, v))
         except Exception as error:
             raise ValueError(
-                f"h of {name} must take the first estimate and zeros as v, to count its "
+                f"{of_sensor('h', name)} must take the first estimate and zeros as v, to count its "
                 f"observations; give m, or their names, if it cannot: "
                 f"{type(error).__name__}: {error}"
             ) from error
         if result.ndim != 1 + self.vectorized or not result.shape[0]:
             raise ValueError(
-                f"h of {name} must return a vector of observations for the first estimate, not "
-                f"the shape {result.shape!r}"
+                f"{of_sensor('h', name)} must return a vector of observations for the first "
+                f"estimate, not the shape {result.shape!r}"
             )
         return result.shape[0]
 
@@ -387,7 +425,7 @@ class Problem:
 
     def terms_of(self, number: int) -> range:
         """Rows of V, or of R, that are noise of a sensor."""
-        sizes = [len(np.asarray(sensor.R)) for sensor in self._sensors.values()]
+        sizes = [len(_covariance_of(sensor)) for sensor in self._sensors.values()]
         first = sum(sizes[:number])
         return range(first, first + sizes[number])
 
@@ -397,7 +435,7 @@ class Problem:
         R = np.zeros((self.params.r, self.params.r))
         for number, sensor in enumerate(self._sensors.values()):
             own = slice(self.terms_of(number).start, self.terms_of(number).stop)
-            R[own, own] = np.asarray(sensor.R)
+            R[own, own] = _covariance_of(sensor)
         return R
 
     @cached_property
@@ -408,8 +446,8 @@ class Problem:
         return UkfParams(
             n=len(self.x0),
             m=sum(rows),
-            q=0 if self.Q is None else len(self.Q),
-            r=sum(len(np.asarray(sensor.R)) for sensor in sensors),
+            q=len(self.Q),
+            r=sum(len(_covariance_of(sensor)) for sensor in sensors),
             sensors=rows,
             process_noise=self.process_noise,
             observation_noise=self.observation_noise,
@@ -450,6 +488,12 @@ class Problem:
         else:
             sampled = self._by_sensor("sampled", data.sampled, data.steps)
             sampled = {name: part.astype(np.bool_) for name, part in sampled.items()}
+        shape = data.steps, len(self.x0)
+        if self.error is None and data.truth is not None and np.shape(data.truth) != shape:
+            raise ValueError(
+                f"truth must have the shape {shape} to be compared with the states, not "
+                f"{np.shape(data.truth)}: give an error function"
+            )
         return replace(data, measurements=measurements, sampled=sampled)
 
     def _by_sensor(self, what: str, given: Any, steps: int) -> dict[str, Any]:
@@ -461,11 +505,13 @@ class Problem:
             given = {names[0]: given}
         if set(given) != set(names):
             raise ValueError(f"{what} must be of {', '.join(names)}, not {', '.join(given)}")
-        parts = {name: np.asarray(given[name]) for name in names}
+        parts = {name: _array(of_sensor(what, name), given[name]) for name in names}
         for name, part in parts.items():
             shape = steps, cast("int", self._sensors[name].m)
             if part.shape != shape:
-                raise ValueError(f"{what} of {name} must have the shape {shape}, not {part.shape}")
+                raise ValueError(
+                    f"{of_sensor(what, name)} must have the shape {shape}, not {part.shape}"
+                )
         return parts
 
     @property
@@ -478,7 +524,9 @@ class Problem:
             If there are none, or only a function that makes them: see :meth:`with_data`.
         """
         if not isinstance(self.data, Data):
-            missing = "None" if self.data is None else "a function: say problem.with_data()"
+            missing = (
+                "None" if self.data is None else "the function that makes them: use with_data()"
+            )
             raise ValueError(f"data of the problem {self.name!r} must be Data, not {missing}")
         return self.data
 

@@ -41,7 +41,7 @@ def _tables(problem: Problem, steps: int) -> dict[str, Array]:
     return {
         "x0": problem.x0[np.newaxis],
         "P0": problem.P0,
-        "Q": np.zeros((0, 0)) if problem.Q is None else problem.Q,
+        "Q": problem.Q,
         "R": problem.R,
         "input": np.asarray(inputs, dtype=np.float64),
         "measurement": measurements,
