@@ -1,11 +1,13 @@
 import copy
 import pickle
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
+from support.problems import core_of
 from ukf_sw.backends import Backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import (
@@ -19,6 +21,7 @@ from ukf_sw.errors import (
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
@@ -46,10 +49,11 @@ def h(x, v, gain=1.0):
 
 
 def make(backend="reference", params=PARAMS, **options):
-    given = {"x0": X0, "P0": P0, "Q": Q, "R": R} | options
-    return UnscentedKalmanFilter(
-        given.pop("f", f), given.pop("h", h), params, backend=backend, **given
-    )
+    given = {"f": f, "x0": X0, "P0": P0, "Q": Q, **core_of(params)} | options
+    sensor = {"h": h, "R": R, "m": params.m}
+    sensor |= {name: given.pop(name) for name in ("h", "R", "angles") if name in given}
+    given = {"sensors": Sensor(**sensor)} | given
+    return UnscentedKalmanFilter(Problem(name="test", **given), backend)
 
 
 def on_core(**options):
@@ -68,13 +72,17 @@ def estimate(ukf):
     return ukf.x.tolist(), ukf.P.tolist()
 
 
-# What the constructor refuses.
+# What a problem and the constructor refuse.
 
 BAD = [
     ({"f": 3}, TypeError, "f must be callable, not 3"),
     ({"h": None}, TypeError, "h must be callable, not None"),
-    ({"params": "nanosat"}, TypeError, "params must be a UkfParams, not 'nanosat'"),
-    ({"x0": [1.0, 2.0]}, ValueError, "x0 must have the shape (3,), not (2,)"),
+    ({"sensors": 3}, TypeError, "sensors must be a Sensor, or some of them by name, not 3"),
+    ({"x0": [1.0, 2.0]}, ValueError, "P0 must have the shape (2, 2), not (3, 3)"),
+    ({"x0": [1.0, 2.0], "states": "abc"}, TypeError, "states must be names and units, as {'a': "),
+    ({"x0": [1.0, 2.0], "states": ("a", "b", "c")}, ValueError,
+     "x0 must have the shape (3,), not (2,)"),
+    ({"x0": None}, TypeError, "x0 must be an array of real numbers, not None"),
     ({"x0": [1.0, 2.0, np.nan]}, ValueError, "x0 must be finite, not [1.0, 2.0, nan]"),
     ({"x0": "abc"}, TypeError, "x0 must be an array of real numbers, not 'abc'"),
     ({"x0": [1j, 0, 0]}, TypeError, "x0 must be an array of real numbers, not [1j, 0, 0]"),
@@ -87,28 +95,33 @@ BAD = [
      "P0 must be positive semidefinite, and is not in row 1: its variance is -2.0"),
     ({"P0": np.diag([1e6, 1.0, -1e-8])}, ValueError,
      "P0 must be positive semidefinite, and is not in row 2: its variance is -1e-08"),
-    ({"P0": np.diag([1.0, 0.0, 1.0]),
-      "params": UkfParams(n=3, m=2, q=2, r=2, form=Form.COVARIANCE)},
-     ValueError, "P0 must be positive definite, and is not in row 1: its variance is 0.0"),
+    ({"P0": np.diag([1.0, 0.0, 1.0]), "form": Form.COVARIANCE}, ValueError,
+     "P0 must be positive definite, and is not in row 1: its variance is 0.0"),
     ({"Q": -np.eye(2)}, ValueError,
      "Q must be positive semidefinite, and is not in row 0: its variance is -1.0"),
-    ({"Q": None}, TypeError, "Q must be a matrix of shape (2, 2), not None"),
-    ({"R": np.eye(3)}, ValueError, "R must have the shape (2, 2), not (3, 3)"),
+    ({"P0": None}, TypeError, "P0 must be a matrix of shape (3, 3), not None"),
+    ({"Q": np.ones((2, 3))}, ValueError, "Q must have the shape (2, 2), not (2, 3)"),
+    ({"process_noise": Noise.ADDITIVE}, ValueError, "Q must have the shape (3, 3), not (2, 2)"),
+    ({"R": np.eye(3), "observation_noise": Noise.ADDITIVE}, ValueError,
+     "R must have the shape (2, 2), not (3, 3)"),
+    ({"R": np.ones(2)}, ValueError, "R must have the shape (2, 2), not (2,)"),
     ({"backend": "fpga"}, ValueError, "backend must be one of reference, golden, uio, pynq"),
     ({"backend": 3}, TypeError, "backend must be a name or a Backend, not 3"),
     ({"backend": ReferenceUkf(UkfParams(n=1, m=1))}, ValueError,
-     "params of the backend must be UkfParams(n=3"),
+     "n of a core for test must be 3, not 1"),
+    ({"backend": ReferenceUkf(replace(PARAMS, W0=0.5))}, ValueError,
+     "W0 of a core for test must be 0.0, not 0.5"),
     ({"state_angles": (3,)}, ValueError, "state_angles must be between 0 and 2, not 3"),
-    ({"observation_angles": (-1,)}, ValueError,
-     "observation_angles must be between 0 and 1, not -1"),
-    ({"observation_angles": 1}, TypeError,
-     "observation_angles must be a tuple of indices, as (0,), not 1"),
+    ({"state_angles": ("heading",)}, ValueError,
+     "state_angles must be indices, as the rows have no names, not 'heading'"),
+    ({"state_angles": ("d",), "states": ("a", "b", "c")}, ValueError,
+     "state_angles must be among a, b, c, not 'd'"),
+    ({"angles": (-1,)}, ValueError, "angles must be between 0 and 1, not -1"),
+    ({"angles": 1}, TypeError, "angles must be a tuple of indices, as (0,), not 1"),
     ({"state_angles": "12"}, TypeError,
      "state_angles must be a tuple of indices, as (0,), not '12'"),
-    ({"observation_angles": (1, 1)}, ValueError,
-     "observation_angles must be different indices, not (1, 1)"),
-    ({"observation_angles": (3.5,)}, TypeError,
-     "each of observation_angles must be an int, not 3.5"),
+    ({"angles": (1, 1)}, ValueError, "angles must be different indices, not (1, 1)"),
+    ({"angles": (3.5,)}, TypeError, "each of angles must be an int, not 3.5"),
     ({"vectorized": "no"}, TypeError, "vectorized must be a bool, not 'no'"),
     ({"redraw": 1}, TypeError, "redraw must be a bool, not 1"),
     ({"f": lambda x, w: x}, TypeError,
@@ -218,7 +231,7 @@ def test_wrong_results_of_the_process_model_are_named(backend, model, kind, mess
 def test_wrong_results_of_the_observation_model_are_named(ukf):
     ukf.predict()
     before = estimate(ukf)
-    ukf._h.function = lambda x, v: [0.0, 1.0, 2.0]
+    ukf._h[0].function = lambda x, v: [0.0, 1.0, 2.0]
     with pytest.raises(
         ValueError, match=r"^observation model h \(h\) must return the shape \(2,\)"
     ):
@@ -405,7 +418,7 @@ def test_models_that_stop_being_functions_are_found_later(ukf, late):
     drifting = Counting()
     for call in range(1, 9):
         ukf.predict()
-        ukf._h.function = h if call < late else drifting
+        ukf._h[0].function = h if call < late else drifting
         if call in (2, 4, 8) and call >= late:
             with pytest.raises(ValueError, match=r"^observation model h \(h\) must give equal"):
                 ukf.update([1.0, 2.0])
@@ -584,7 +597,7 @@ def test_mask_property_is_the_default(ukf):
 
 def test_masked_results_of_the_model_do_not_matter(ukf):
     twin = make()
-    ukf._h.function = lambda x, v: [h(x, v)[0], np.nan]
+    ukf._h[0].function = lambda x, v: [h(x, v)[0], np.nan]
     for each in (ukf, twin):
         each.predict()
         each.update([1.0, 2.0], mask=[True, False])
@@ -702,7 +715,7 @@ def test_numbers_of_numpy_are_numbers(ukf, value):
     ukf.gate = value
     assert ukf.gate == 9.0
     assert type(ukf.gate) is float
-    make(vectorized=np.bool_(True), redraw=np.bool_(False), observation_angles=np.array([1]))
+    make(vectorized=np.bool_(True), redraw=np.bool_(False), angles=np.array([1]))
 
 
 @pytest.mark.parametrize("mask", [[1, 0], np.array([1, 0]), np.array([1.0, 0.0]), [True, False]])
@@ -752,10 +765,12 @@ def test_semidefinite_covariances(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_no_noise_terms_at_all(backend):
-    params = UkfParams(n=1, m=1, format=BINARY64)
-    ukf = UnscentedKalmanFilter(
-        lambda x, w, u: x + u, lambda x, v: x, params, x0=[0.0], P0=[[4.0]], backend=backend
-    )
+    problem = Problem(
+        name="walk", f=lambda x, w, u: x + u, sensors=Sensor(lambda x, v: x), x0=[0.0], P0=[[4.0]],
+        format=BINARY64,
+    )  # fmt: skip
+    assert problem.params == UkfParams(n=1, m=1, format=BINARY64)
+    ukf = UnscentedKalmanFilter(problem, backend)
     ukf.predict(2.0)
     np.testing.assert_allclose([*ukf.x, *ukf.P[0]], [2.0, 4.0], atol=1e-12)
     ukf.update([3.0])
@@ -768,29 +783,27 @@ def test_no_noise_terms_at_all(backend):
 
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_additive_noise_reaches_the_models_as_zeros(backend):
-    params = UkfParams(
-        n=2, m=1, q=2, r=1, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
-    )
     seen = []
 
     def note(x, noise, *_):
         seen.append((noise.shape, noise.any()))
         return x[: 2 if noise.size == 2 else 1]
 
-    ukf = UnscentedKalmanFilter(
-        note, note, params, x0=[0, 0], P0=np.eye(2), Q=np.eye(2), R=np.eye(1), backend=backend
-    )
+    problem = Problem(
+        name="noted", f=note, sensors=Sensor(note, R=np.eye(1), m=1), x0=[0, 0], P0=np.eye(2),
+        Q=np.eye(2), process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+    )  # fmt: skip
+    ukf = UnscentedKalmanFilter(problem, backend)
     ukf.predict()
     ukf.update([1.0])
     assert set(seen) == {((2,), False), ((1,), False)}
-    assert len(seen) == 2 * (params.N + 2)  # two points are looked at again
+    assert len(seen) == 2 * (ukf.params.N + 2)  # two points are looked at again
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("turns", [-1, 0, 2])
 def test_angles_are_wrapped(backend, turns):
     """A heading at the cut behaves as one far from it."""
-    params = UkfParams(n=1, m=1, q=1, r=1, format=BINARY64)
     results = []
     for heading, cut in ((0.0, False), (np.pi, True)):
 
@@ -800,10 +813,11 @@ def test_angles_are_wrapped(backend, turns):
         def see(x, v, cut=cut):
             return np.arctan2(np.sin(x + v), np.cos(x + v)) if cut else x + v
 
-        ukf = UnscentedKalmanFilter(
-            turn, see, params, x0=[heading], P0=[[0.1]], Q=[[0.01]], R=[[0.02]], backend=backend,
-            state_angles=(0,), observation_angles=(0,),
+        problem = Problem(
+            name="turn", f=turn, sensors=Sensor(see, R=[[0.02]], angles=(0,)), x0=[heading],
+            P0=[[0.1]], Q=[[0.01]], state_angles=(0,), format=BINARY64,
         )  # fmt: skip
+        ukf = UnscentedKalmanFilter(problem, backend)
         for z in (0.1, -0.2, 0.05):
             ukf.predict()
             ukf.update([heading + z + 2 * np.pi * turns])
@@ -829,12 +843,12 @@ def test_overflow_loses_nothing(backend):
     for scale in (1e200, 1.0):
         ukf.predict()
         before = estimate(ukf)
-        ukf._h.function = lambda x, v, scale=scale: h(x, v) * scale
+        ukf._h[0].function = lambda x, v, scale=scale: h(x, v) * scale
         if scale > 1.0:
             with pytest.raises(NotFiniteError):
                 ukf.update([1.0, 1.0])
             assert estimate(ukf) == before
-            ukf._h.function = h
+            ukf._h[0].function = h
         ukf.update([1.0, 1.0])
     twin = make("reference")
     for _ in range(2):
@@ -847,12 +861,13 @@ def test_overflow_loses_nothing(backend):
 @pytest.mark.parametrize("redraw", [False, True])
 def test_overflow_of_the_covariance_of_a_prediction(backend, redraw):
     """With redrawing, predict is one step; without, it can be undone."""
-    params = UkfParams(n=2, m=1) if backend == "golden" else UkfParams(n=2, m=1, format=BINARY64)
     growth = 1.5e19 if backend == "golden" else 1.5e154
-    ukf = UnscentedKalmanFilter(
-        lambda x, w, u: growth * x, lambda x, v: x[:1], params, x0=[1.0, 2.0],
-        P0=np.diag([1e-4, 4.0]), backend=backend, redraw=redraw,
+    problem = Problem(
+        name="growth", f=lambda x, w, u: growth * x, sensors=Sensor(lambda x, v: x[:1]),
+        x0=[1.0, 2.0], P0=np.diag([1e-4, 4.0]), redraw=redraw,
+        format=BINARY32 if backend == "golden" else BINARY64,
     )  # fmt: skip
+    ukf = UnscentedKalmanFilter(problem, backend)
     before = estimate(ukf)
     if redraw:
         with pytest.raises(NotFiniteError):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ukf_sw.backends import make_backend
 from ukf_sw.errors import NotFiniteError, SingularObservationError
 from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.spec.float_format import BINARY32, BINARY64
-from ukf_sw.spec.parameters import Form, Noise, UkfParams
+from ukf_sw.spec.parameters import Form, Noise
 
 CORES = [
     pytest.param("reference", {}, id="reference"),
@@ -21,12 +21,11 @@ CORES = [
 
 def observing(H, backend, core, *, P0, R=None):
     """A filter of a state that stays, observed through a matrix with additive noise."""
-    m, n = H.shape
-    params = UkfParams(n=n, m=m, r=0 if R is None else m, observation_noise=Noise.ADDITIVE, **core)
-    return UnscentedKalmanFilter(
-        lambda x, w, u: x, lambda x, v: H @ x, params, x0=np.zeros(n), P0=P0, R=R,
-        backend=make_backend(backend, params),
+    problem = Problem(
+        name="hostile", f=lambda x, w, u: x, sensors=Sensor(lambda x, v: H @ x, R=R),
+        x0=np.zeros(H.shape[1]), P0=P0, observation_noise=Noise.ADDITIVE, **core,
     )  # fmt: skip
+    return UnscentedKalmanFilter(problem, backend)
 
 
 def state(ukf):

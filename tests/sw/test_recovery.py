@@ -16,10 +16,12 @@ import pytest
 
 import ukf_sw
 from support.breaking_bus import BreakingBus, golden_core
+from support.problems import core_of
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, NotRecoveredError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.parameters import Noise, UkfParams
 
@@ -49,10 +51,12 @@ class Case:
     def start(self, bus=None):
         """Make a filter that has done this and that; without a bus on the reference."""
         backend = ReferenceUkf(self.params) if bus is None else Driver(bus, self.params)
-        ukf = UnscentedKalmanFilter(
-            f, h, self.params, x0=[1.0, -0.5], P0=np.eye(2), Q=0.1 * np.eye(self.params.q),
-            R=0.2 * np.eye(2), backend=backend, redraw=self.redraw,
+        problem = Problem(
+            name="recovery", f=f, sensors=Sensor(h, R=0.2 * np.eye(2)), x0=[1.0, -0.5],
+            P0=np.eye(2), Q=0.1 * np.eye(self.params.q), redraw=self.redraw,
+            **core_of(self.params),
         )  # fmt: skip
+        ukf = UnscentedKalmanFilter(problem, backend)
         ukf.gate = 50.0
         ukf.predict(0.1)
         ukf.update([1.5, 0.2])

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from support.c_binding import CFilter, CFilterError, Result, compile_library
+from support.problems import core_of
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
 from ukf_sw.factors import lower_factor
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
@@ -133,6 +135,19 @@ def start(library, params, *, bus=None, core=None, observe=None, **options):
     return ukf, bus
 
 
+def python_filter(
+    params, backend, *, observe=h, redraw=None, state_angles=(), observation_angles=()
+):
+    """The same filter in Python."""
+    data = problem(params)
+    sensor = Sensor(observe, R=data.pop("R"), m=params.m, angles=observation_angles)
+    same = Problem(
+        name="c", f=f, sensors=sensor, redraw=redraw, state_angles=state_angles, **data,
+        **core_of(params),
+    )  # fmt: skip
+    return UnscentedKalmanFilter(same, backend)
+
+
 def both(library, params, *, interrupt=False, redraw=False, **angles):
     """A C filter and a Python filter, each with a golden model of its own."""
     buses = [NotingBus(GoldenCore(params)) for _ in range(2)]
@@ -143,9 +158,7 @@ def both(library, params, *, interrupt=False, redraw=False, **angles):
     )
     driver = Driver(buses[1], params, interrupt=waits[1])
     data = problem(params)
-    python = UnscentedKalmanFilter(
-        f, observe, params, **data, backend=driver, redraw=redraw, **angles
-    )
+    python = python_filter(params, driver, observe=observe, redraw=redraw, **angles)
     c.start(data["x0"], data["P0"], data["Q"], data["R"])
     return c, python, *buses
 
@@ -209,7 +222,7 @@ def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
 
 def test_redrawing_gives_the_same_estimates(library):
     c, python, c_bus, python_bus = both(library, MIXED, redraw=True)
-    plain = UnscentedKalmanFilter(f, h, MIXED, **problem(MIXED), backend="golden", redraw=False)
+    plain = python_filter(MIXED, "golden", redraw=False)
     for k in range(8):
         z = np.array([np.sin(k), np.cos(k)])
         for ukf in (c, python, plain):
@@ -567,7 +580,7 @@ def test_a_fast_bus_is_polled_for_the_whole_time_out(library):
             ukf, _ = start(library, AUGMENTED, bus=bus, timeout_us=100, clock=clock)
         else:
             driver = Driver(bus, AUGMENTED, timeout=100e-6, clock=clock)
-            ukf = UnscentedKalmanFilter(f, h, AUGMENTED, **problem(AUGMENTED), backend=driver)
+            ukf = python_filter(AUGMENTED, driver)
         ukf.redraw()
         core.hold = True
         polls = itertools.count()

@@ -1,0 +1,12 @@
+"""What tests of problems share."""
+
+from typing import Any
+
+from ukf_sw.spec.fields import parameters_of
+from ukf_sw.spec.parameters import UkfParams
+
+
+def core_of(params: UkfParams) -> dict[str, Any]:
+    """Arguments that a Problem has for such a core: all but the sizes, which follow from others."""
+    names = [name for name in parameters_of(UkfParams) if name not in ("n", "m", "q", "r")]
+    return {name: getattr(params, name) for name in names if name != "sensors"}
