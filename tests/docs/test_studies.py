@@ -193,7 +193,7 @@ def test_numerics_are_measured():
 @pytest.mark.parametrize(("name", "steps"), [("ctrv-masked", 500), ("battery", 600)])
 def test_numerics_take_what_a_scenario_has(name, steps):
     found = numerics._prepare(name, 600)
-    assert found.scenario.steps == found.steps == steps
+    assert found.problem.steps == found.steps == steps
 
 
 def test_numerics_say_where_a_core_stops():

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ukf_sw.problems.scenario import Scenario
 
 from ukf_sim.bus import ALL_BYTES, Request
 from ukf_sim.lockstep import LockstepBus
 from ukf_sim.session import Context
 from ukf_sw.errors import StepError
+from ukf_sw.filter import UnscentedKalmanFilter
+from ukf_sw.problem import Problem
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS
@@ -36,11 +37,12 @@ _ENABLE = CONTROL["ENABLE"].mask
 _STEPS = tuple(step for step in Step if step is not Step.IDLE)
 
 
-def _scenario(context: Context, seed: int, steps: int) -> tuple[Scenario, Sequence[Any]]:
+def _scenario(context: Context, seed: int, steps: int) -> tuple[Problem, Sequence[Any]]:
     """Make a random scenario in which a predict does not redraw by itself, and its inputs."""
     scenario = replace(random_scenario(context.job.params, seed, steps=steps), redraw=False)
-    assert scenario.inputs is not None
-    return scenario, list(scenario.inputs)
+    inputs = scenario.record.inputs
+    assert inputs is not None
+    return scenario, list(inputs)
 
 
 def all_at_random(context: Context, *, seed: int, rounds: int) -> dict[str, Counter[str]]:
@@ -79,14 +81,19 @@ def use_filter(context: Context, *, seed: int, rounds: int) -> Counter[str]:
     scenario, inputs = _scenario(context, seed, rounds)
     p = context.job.params
     bus = context.lockstep
-    ukf = scenario.filter(context.driver())
+    ukf = UnscentedKalmanFilter(scenario, context.driver())
     bus.verify()
     counts: Counter[str] = Counter()
 
     def update(k: int, mask: NDArray[np.bool_]) -> str:
-        z = np.where(mask, scenario.measurements[k], np.nan)
-        corrected = ukf.update(z, mask)
-        if ukf.gated:
+        corrected = gated = False
+        for number, name in enumerate(scenario.sensor_names):
+            rows = p.rows_of(number)
+            own = mask[rows.start : rows.stop]
+            z = np.where(own, scenario.samples(name)[0][k], np.nan)
+            corrected |= ukf.update(z, own, sensor=name)
+            gated |= ukf.gated
+        if gated:
             return "gated"
         if not corrected:
             return "nothing sampled"
@@ -164,7 +171,7 @@ def reset_during_steps(context: Context, *, seed: int, rounds: int) -> Counter[s
     rng = np.random.default_rng(seed)
     scenario, inputs = _scenario(context, seed, rounds)
     bus = context.lockstep
-    ukf = scenario.filter(context.driver())
+    ukf = UnscentedKalmanFilter(scenario, context.driver())
     counts: Counter[str] = Counter()
     programs = (
         (Step.INIT, False), (Step.SIG_GEN, False), (Step.SIG_GEN, True), (Step.PREDICT, False),
@@ -237,23 +244,28 @@ def run_on_odd_words(context: Context, *, seed: int) -> Counter[str]:
         "LQ": (Step.INIT,),
         "LR": (Step.INIT,),
     }
-    ukf = scenario.filter(driver)
+    ukf = UnscentedKalmanFilter(scenario, driver)
     for region in memory_map:
         for name, word in odd_words.items():
             try:
                 ukf.reset()
                 ukf.predict(inputs[0])
-                ukf.update(scenario.measurements[0])
+                for sensor in scenario.sensor_names:
+                    ukf.update(scenario.samples(sensor)[0][0], sensor=sensor)
                 ukf.redraw()
             except StepError as error:
                 counts[type(error).__name__] += 1
             row = int(rng.integers(region.rows))
             # The upper triangle of a factor is never read.
+            sensor, first = 0, 0
+            if region.symbol in ("Z", "z") or (region.symbol == "LR" and p.additive_r):
+                sensor = sum(row >= p.rows_of(each).start for each in range(len(p.sensor_rows))) - 1
+                first = p.rows_of(sensor).start
             triangular = region.symbol in ("L", "LQ", "LR")
-            column = int(rng.integers(row + 1 if triangular else region.columns))
+            column = int(rng.integers(row - first + 1 if triangular else region.columns))
             _put(bus, memory_map.address(region.symbol, row, column), word, fmt.bus_words)
             for step in readers.get(region.symbol, (Step.SIG_GEN,)):
-                code = _start(bus, step)
+                code = _start(bus, step, sensor)
                 counts[f"code {code}"] += 1
                 if code:
                     counts[f"{region.symbol} {name}"] += 1
@@ -270,9 +282,10 @@ def _put(bus: LockstepBus, address: int, word: int, bus_words: int) -> None:
         bus.access(Request(address + 4 * index, word >> 32 * index & 0xFFFF_FFFF))
 
 
-def _start(bus: LockstepBus, step: Step) -> int:
+def _start(bus: LockstepBus, step: Step, sensor: int = 0) -> int:
     """Run a step; gives its error code."""
-    bus.access(Request(CONTROL.offset, _ENABLE | CONTROL[step.name].mask))
+    start = _ENABLE | CONTROL[step.name].mask | CONTROL["SENSOR"].put(sensor)
+    bus.access(Request(CONTROL.offset, start))
     bus.await_idle()
     return ERROR["CODE"].get(bus.golden.read(ERROR.offset)[0])
 
@@ -294,7 +307,7 @@ def access_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str
     memory_map = MemoryMap(p)
     scenario, inputs = _scenario(context, seed, 1)
     bus = context.lockstep
-    ukf = scenario.filter(context.driver())
+    ukf = UnscentedKalmanFilter(scenario, context.driver())
     ukf.predict(inputs[0])
     bus.verify()
     counts: Counter[str] = Counter()

@@ -25,6 +25,7 @@ from ukf_sw.errors import (
     DevicePermissionError,
     WrongCoreError,
 )
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
@@ -75,7 +76,7 @@ def test_a_lost_interrupt_over_uio_is_no_error(device):
 def test_a_filter_on_a_board_cannot_be_copied(device):
     with device.connect() as bus:
         driver = Driver(bus, PARAMS, interrupt=bus.wait_for_interrupt, timeout=10.0)
-        ukf = pendulum(0, steps=1).filter(driver)
+        ukf = UnscentedKalmanFilter(pendulum(0, steps=1), driver)
         for take in (copy.deepcopy, pickle.dumps):
             with pytest.raises(TypeError, match=r"core is behind a UioBus cannot be pickled or"):
                 take(ukf)
@@ -258,7 +259,7 @@ def pynq(monkeypatch):
 @pytest.mark.parametrize("name", ["pynq:0x43C00000", "pynq:0x43C00000,ukf_core_0/irq"])
 def test_a_filter_runs_over_pynq_as_on_the_model(pynq, name):
     scenario = pendulum(0, steps=STEPS)
-    ukf = scenario.filter(name)
+    ukf = UnscentedKalmanFilter(scenario, name)
     results = run(scenario, ukf.backend)
     expected = run(scenario, Driver(GoldenBus(emulated_core(PARAMS)), PARAMS))
     assert np.array_equal(results.x, expected.x)

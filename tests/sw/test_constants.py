@@ -49,6 +49,6 @@ def test_means_are_not_biased(W0):
     """With weights that only were rounded these differences were two to seven times as large."""
     scenario = pendulum(0, steps=200)
     pes = scenario.params.columns
-    scenario = replace(scenario, params=replace(scenario.params, W0=W0, pes=pes))
+    scenario = replace(scenario, W0=W0, pes=pes)
     difference = run(scenario, "golden").x - run(scenario, "reference").x
     assert (np.sqrt(np.mean(np.square(difference), axis=0)) < [1e-6, 2e-6]).all()

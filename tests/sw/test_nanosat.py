@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
-from ukf_sw.problems.scenario import Scenario
 
+from support.problems import change_data, only_sensor
 from ukf_sw.errors import NotPositiveDefiniteError, SingularObservationError
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.judging import judge
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems import nanosat
@@ -161,28 +162,30 @@ def test_tumbling_obeys_the_equations_of_motion():
 @pytest.mark.parametrize("make", SCENARIOS)
 def test_fewer_steps_are_the_beginning_of_more(make):
     short, long = make(3, steps=10), make(3, steps=200)
-    for name in ("times", "inputs", "measurements", "truth"):
-        np.testing.assert_array_equal(getattr(short, name), getattr(long, name)[:10])
+    for name in ("times", "inputs", "truth"):
+        np.testing.assert_array_equal(getattr(short.record, name), getattr(long.record, name)[:10])
+    np.testing.assert_array_equal(short.samples()[0], long.samples()[0][:10])
     np.testing.assert_array_equal(short.x0, long.x0)
-    assert np.any(make(4, steps=10).measurements != short.measurements)
+    assert np.any(make(4, steps=10).samples()[0] != short.samples()[0])
 
 
 @pytest.mark.parametrize("make", SCENARIOS)
 def test_noise_is_as_specified(make):
     scenario = make(1, steps=20_000)
     settings = nanosat.NANOSAT_2018 if make is nanosat.nanosat else nanosat.NANOSAT_2014
-    clean = np.asarray(scenario.h(scenario.truth.T, np.zeros((6, scenario.steps)))).T
-    noise = (scenario.measurements - clean).std(axis=0)
+    truth, h = scenario.record.truth, only_sensor(scenario).h
+    clean = np.asarray(h(truth.T, np.zeros((6, scenario.steps)))).T
+    noise = (scenario.samples()[0] - clean).std(axis=0)
     expected = [settings.sigma_a] * 3 + [settings.sigma_m] * 3
     np.testing.assert_allclose(noise, expected, rtol=0.03)
-    drift = np.diff(scenario.truth[:, 4:], axis=0).std(axis=0)
+    drift = np.diff(truth[:, 4:], axis=0).std(axis=0)
     np.testing.assert_allclose(drift, settings.sigma_d * settings.dt, rtol=0.03)
     if make is nanosat.nanosat:
         _, rates = nanosat._tumbling(scenario.times, nanosat.BODY_2018)
     else:
         _, rates = nanosat._oscillation(scenario.times)
     # The input of a step is the gyroscope's sample at the end of the step before.
-    gyroscope = scenario.inputs[1:] - scenario.truth[:-1, 4:] - rates.T[:-1]
+    gyroscope = scenario.record.inputs[1:] - truth[:-1, 4:] - rates.T[:-1]
     np.testing.assert_allclose(gyroscope.std(axis=0), np.radians(0.1), rtol=0.03)
     np.testing.assert_allclose(np.diag(scenario.Q)[4:], settings.sigma_d**2)
     np.testing.assert_allclose(np.diag(scenario.R), np.square(expected))
@@ -198,7 +201,7 @@ def test_the_input_of_a_step_is_the_sample_before_it(make):
         _, rates = nanosat._tumbling(times, nanosat.BODY_2018)
     else:
         _, rates = nanosat._oscillation(times)
-    np.testing.assert_allclose(scenario.inputs, rates.T, atol=1e-12)
+    np.testing.assert_allclose(scenario.record.inputs, rates.T, atol=1e-12)
 
 
 #: Bounds of the rms error after one second, degrees: total and about x, y, z. Over 10 seeds of 100
@@ -233,7 +236,8 @@ def test_physical_sensors_work_as_well(make):
 
 def test_one_sided_physics_does_not_work():
     scenario = nanosat.nanosat(1, P0=0.01, steps=3000)
-    mismatched = replace(scenario, h=nanosat.observation_model(physical=True))
+    sensor = replace(only_sensor(scenario), h=nanosat.observation_model(physical=True))
+    mismatched = replace(scenario, sensors=sensor)
     assert judge(run(mismatched)).rms[0] > 1.0
 
 
@@ -241,7 +245,7 @@ def test_one_sided_physics_does_not_work():
 def test_additive_noise_is_as_accurate(make):
     augmented = run(make(2, P0=0.01, steps=3000))
     scenario = make(2, P0=0.01, steps=3000, noise=Noise.ADDITIVE)
-    assert (augmented.scenario.params, scenario.params) == (NANOSAT, NANOSAT_ADDITIVE)
+    assert (augmented.problem.params, scenario.params) == (NANOSAT, NANOSAT_ADDITIVE)
     additive = run(scenario)
     np.testing.assert_allclose(judge(additive).rms, judge(augmented).rms, atol=2e-3)
     assert (additive.x != augmented.x).any()
@@ -291,19 +295,23 @@ def test_run_leaves_out_what_was_not_sampled():
     sampled = np.zeros((20, 6), dtype=bool)
     sampled[::5] = True
     sampled[7, :3] = True
-    measurements = np.where(sampled, scenario.measurements, np.nan)
-    results = run(replace(scenario, sampled=sampled, measurements=measurements))
-    assert np.flatnonzero(~np.isnan(results.nis)).tolist() == [0, 5, 7, 10, 15]
-    assert np.isfinite(results.x).all()
+    measurements = np.where(sampled, scenario.samples()[0], np.nan)
+    for given in (sampled, None):  # NaN is not sampled
+        results = run(change_data(scenario, sampled=given, measurements=measurements))
+        assert np.flatnonzero(~np.isnan(results.nis)).tolist() == [0, 5, 7, 10, 15]
+        assert np.isfinite(results.x).all()
 
 
 def test_run_passes_arguments_to_the_observation_model():
     scenario = nanosat.nanosat(steps=5)
     h = nanosat.observation_model()
     biased = replace(
-        scenario,
+        only_sensor(scenario),
         h=lambda x, v, bias: np.asarray(h(x, v)) + bias,
-        measurements=scenario.measurements + np.arange(5)[:, None],
+    )
+    biased = change_data(
+        replace(scenario, sensors=biased),
+        measurements=scenario.samples()[0] + np.arange(5)[:, None],
         observation_arguments=[{"bias": float(k)} for k in range(5)],
     )
     np.testing.assert_allclose(run(biased).x, run(scenario).x, atol=1e-12)
@@ -317,9 +325,8 @@ def test_results_after_the_end_are_refused():
 
 def test_data_of_different_lengths_are_refused():
     scenario = nanosat.nanosat(steps=5)
-    assert isinstance(scenario, Scenario)
     with pytest.raises(ValueError, match=r"^inputs must have 5 steps, not 4$"):
-        replace(scenario, inputs=scenario.inputs[:4])
+        change_data(scenario, inputs=scenario.record.inputs[:4])
     with pytest.raises(ValueError, match=r"^error_units must have 4 entries, not 1$"):
         replace(scenario, error_units=("degrees",))
 
@@ -329,10 +336,10 @@ def test_covariance_form_stops_at_a_bad_pivot_and_keeps_its_estimate():
     rows: list[int] = []
     for pes in (1, 2, 5, 10):
         scenario = nanosat.nanosat_2014(0, P0=1.0, steps=20)
-        params = replace(scenario.params, form=Form.COVARIANCE, pes=pes)
-        ukf = replace(scenario, params=params).filter("golden")
+        problem = replace(scenario, form=Form.COVARIANCE, pes=pes)
+        ukf = UnscentedKalmanFilter(problem, "golden")
         try:
-            for u, z in zip(scenario.inputs, scenario.measurements, strict=True):
+            for u, z in zip(scenario.record.inputs, scenario.samples()[0], strict=True):
                 ukf.predict(u)
                 ukf.update(z)
         except (NotPositiveDefiniteError, SingularObservationError) as error:

@@ -507,7 +507,8 @@ def test_scenario_has_the_sampling_and_noise_of_the_flight():
     flight = flight_of()
     scenario = scenario_of(flight, TWO)
     assert (scenario.params.M, scenario.steps) == (20, 3000)
-    assert np.flatnonzero(scenario.sampled.all(axis=1)).tolist() == list(range(19, 3000, 20))
+    measured, sampled = scenario.samples()
+    assert np.flatnonzero(sampled.all(axis=1)).tolist() == list(range(19, 3000, 20))
     np.testing.assert_allclose(scenario.x0[:4], quest(flight.vectors[0], flight.references[0]))
     np.testing.assert_allclose(np.diag(scenario.P0)[[0, 6]],
                                [np.radians(2.4) ** 2, np.radians(2.4) ** 2])  # fmt: skip
@@ -516,9 +517,9 @@ def test_scenario_has_the_sampling_and_noise_of_the_flight():
     np.testing.assert_allclose(scenario.Q[[0, 6], [0, 6]], [sigma_v**2 / 40, sigma_u**2 / 10])
     alternate = scenario_of(flight, ALTERNATE)
     np.testing.assert_allclose(alternate.Q[:4, :4], 2.0 * scenario.Q[:4, :4])
-    np.testing.assert_array_equal(alternate.inputs[1], alternate.inputs[0])
+    np.testing.assert_array_equal(alternate.record.inputs[1], alternate.record.inputs[0])
     same = swampsat(0, settings=flight.settings)
-    np.testing.assert_array_equal(same.measurements, scenario.measurements)
+    np.testing.assert_array_equal(same.samples()[0], measured)
 
 
 # Estimators.
@@ -576,8 +577,8 @@ def test_eclipse_blinds_the_sun_sensor():
     flight = simulate(0, settings)
     assert flight.lit[0]
     assert not flight.lit[28_500:].any()
-    scenario = scenario_of(flight, TWO)
-    last = scenario.sampled[scenario.sampled.any(axis=1)][-1]
+    _, sampled = scenario_of(flight, TWO).samples()
+    last = sampled[sampled.any(axis=1)][-1]
     assert last.tolist() == [False] * 3 + [True] * 3
     at_sample, _ = run_quest(flight, TWO)
     assert at_sample.times[-1] < 2850.0

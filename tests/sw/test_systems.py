@@ -5,7 +5,9 @@ import filterpy.kalman
 import numpy as np
 import pytest
 
+from support.problems import change_data, only_sensor
 from ukf_sw.factors import lower_factor
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.models import wrap
 from ukf_sw.problems import data
 from ukf_sw.problems.catalogue import CATALOGUE
@@ -101,8 +103,8 @@ def test_quick_entries_are_within_their_bounds(name):
     results = whole_runs(entry, "reference")
     check(entry, results)
     # The core in binary32 has the same errors: within 1 % on the first run, of those with bounds.
-    known = [results[0].scenario.error_names.index(bound.error) for bound in entry.bounds]
-    found = run(results[0].scenario, "golden")
+    known = [results[0].problem.error_names.index(bound.error) for bound in entry.bounds]
+    found = run(results[0].problem, "golden")
     np.testing.assert_allclose(judge(found).rms[known], judge(results[0]).rms[known], rtol=0.01)
 
 
@@ -145,9 +147,8 @@ def test_simulated_data_fit_their_noise(name):
     # and models belong together.
     entry = CATALOGUE[name]
     results = [run(entry.scenario(seed, min(2000, entry.scenario(seed).steps))) for seed in (0, 1)]
-    scenario = results[0].scenario
-    used = scenario.sampled
-    count = scenario.params.m if used is None else used.sum(axis=1)[used.any(axis=1)].mean()
+    _, used = results[0].problem.samples()
+    count = used.sum(axis=1)[used.any(axis=1)].mean()
     nis = np.concatenate([result.nis[20:] for result in results])
     assert np.nanmean(nis) == pytest.approx(count, rel=0.15)
 
@@ -160,36 +161,37 @@ def test_fewer_steps_are_the_beginning_of_more(name):
     # SwampSat takes the Earth's precession from the middle of the flight.
     tolerance = 1e-9 if name == "swampsat" else 0.0
     short, long = (CATALOGUE[name].scenario(3, steps) for steps in (10, 60))
-    for field in ("times", "inputs", "measurements", "truth", "sampled"):
-        a, b = getattr(short, field), getattr(long, field)
+    pairs = [(getattr(short.record, field), getattr(long.record, field))
+             for field in ("times", "inputs", "truth")]  # fmt: skip
+    for a, b in (*pairs, *zip(short.samples(), long.samples(), strict=True)):
         assert (a is None) == (b is None)
         if a is not None:
             np.testing.assert_allclose(a, b[:10], rtol=0.0, atol=tolerance)
     np.testing.assert_allclose(short.x0, long.x0, rtol=0.0, atol=tolerance)
     again = CATALOGUE[name].scenario(3, 10)
-    np.testing.assert_array_equal(short.measurements, again.measurements)
+    np.testing.assert_array_equal(short.samples()[0], again.samples()[0])
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if not CATALOGUE[n].recorded])
 def test_seeds_differ(name):
-    one, other = (CATALOGUE[name].scenario(seed, 25) for seed in (0, 1))
-    assert np.nanmax(np.abs(one.measurements - other.measurements)) > 0.0
+    one, other = (CATALOGUE[name].scenario(seed, 25).samples()[0] for seed in (0, 1))
+    assert np.nanmax(np.abs(one - other)) > 0.0
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_models_take_one_point_or_all(name):
     scenario = CATALOGUE[name].scenario(0, 30)
-    p = scenario.params
+    p, data, h = scenario.params, scenario.record, only_sensor(scenario).h
     rng = np.random.default_rng(7)
     X = scenario.x0[:, None] + 0.01 * rng.standard_normal((p.n, p.N))
     W, V = rng.standard_normal((p.q, p.N)), rng.standard_normal((p.r, p.N))
-    u = None if scenario.inputs is None else scenario.inputs[5]
-    extra = scenario.observation_arguments
+    u = None if data.inputs is None else data.inputs[5]
+    extra = data.observation_arguments
     keywords = {} if extra is None else extra[5]
-    moved, seen = scenario.f(X, W, u), scenario.h(X, V, **keywords)
+    moved, seen = scenario.f(X, W, u), h(X, V, **keywords)
     for k in range(p.N):
         np.testing.assert_allclose(moved[:, k], scenario.f(X[:, k], W[:, k], u), rtol=1e-13)
-        np.testing.assert_allclose(seen[:, k], scenario.h(X[:, k], V[:, k], **keywords), rtol=1e-13)
+        np.testing.assert_allclose(seen[:, k], h(X[:, k], V[:, k], **keywords), rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -243,7 +245,7 @@ def test_ctrv_masked_is_padded():
     padded, masked = run(ctrv()), run(ctrv(lidar="masked"))
     # The padding says nothing, but its noise shares the sigma points: to third order.
     np.testing.assert_allclose(judge(masked).rms, judge(padded).rms, rtol=1e-3)
-    assert np.isnan(masked.scenario.measurements).any()
+    assert np.isnan(masked.problem.samples()[0]).any()
 
 
 def test_ctrv_passes_the_mark_of_its_authors():
@@ -275,25 +277,25 @@ def test_battery_voltages_follow_a_step():
 
 def test_inertial_truth_obeys_the_model():
     scenario = gps_ins(4, steps=50)
-    x = scenario.truth
+    x = scenario.record.truth
     draws = simulation.draw(4, 51, 18)
     for k in range(49):
         # The input's noise of this step is what the model is told; then it is exact.
         w = draws[k + 2, :12]
-        moved = navigation.process_model(x[k], w, scenario.inputs[k + 1])
+        moved = navigation.process_model(x[k], w, scenario.record.inputs[k + 1])
         np.testing.assert_allclose(moved, x[k + 1], atol=2e-4)
 
 
 def test_fixes_come_at_their_rate():
-    sampled = gps_ins(steps=400).sampled.any(axis=1)
+    sampled = gps_ins(steps=400).samples()[1].any(axis=1)
     assert np.flatnonzero(sampled).tolist() == list(range(19, 400, 20))
-    fixed = np.flatnonzero(recorded_odometry().sampled.any(axis=1))
+    fixed = np.flatnonzero(recorded_odometry().samples()[1].any(axis=1))
     times = recorded_odometry().times[fixed]
     np.testing.assert_allclose(np.diff(times), 0.5, atol=0.035)
 
 
 def test_gaps_are_random_and_mask_one_sensor():
-    sampled = nanosat.nanosat_2014_rates(5, gaps="random", steps=20_000).sampled
+    _, sampled = nanosat.nanosat_2014_rates(5, gaps="random", steps=20_000).samples()
     for rows in (sampled[:, :3], sampled[:, 3:]):
         assert (rows.all(axis=1) == rows.any(axis=1)).all()
         gaps = np.diff(np.flatnonzero(rows[:, 0]))
@@ -331,27 +333,28 @@ def test_filterpy_agrees_to_rounding(name, steps, tolerance):
         f = scenario.f
         scenario = replace(
             scenario,
-            params=replace(scenario.params, q=5, process_noise=Noise.ADDITIVE),
+            process_noise=Noise.ADDITIVE,
             f=lambda x, w, u: f(x, np.zeros((3, *x.shape[1:])), u),
             Q=G @ scenario.Q @ G.T,
         )
     p = scenario.params
     zero_w, zero_v = np.zeros(p.q), np.zeros(p.r)
-    extra = scenario.observation_arguments
+    data, sensor = scenario.record, only_sensor(scenario)
+    extra = data.observation_arguments
     ukf = filterpy.kalman.UnscentedKalmanFilter(
         dim_x=p.n, dim_z=p.m, dt=0.0, points=Points(p.n),
         fx=lambda x, dt, u=None: scenario.f(x, zero_w, u),
-        hx=lambda x, **keywords: scenario.h(x, zero_v, **keywords),
+        hx=lambda x, **keywords: sensor.h(x, zero_v, **keywords),
         residual_z=lambda a, b: np.array(
-            [wrap(d, 0.0) if row in scenario.observation_angles else d
+            [wrap(d, 0.0) if row in sensor.angles else d
              for row, d in enumerate(a - b)]
         ),
     )  # fmt: skip
     ukf.x, ukf.P, ukf.Q, ukf.R = scenario.x0.copy(), scenario.P0, scenario.Q, scenario.R
     theirs = np.empty((steps, p.n))
     for k in range(steps):
-        ukf.predict(**({} if scenario.inputs is None else {"u": scenario.inputs[k]}))
-        ukf.update(scenario.measurements[k], **({} if extra is None else extra[k]))
+        ukf.predict(**({} if data.inputs is None else {"u": data.inputs[k]}))
+        ukf.update(scenario.samples()[0][k], **({} if extra is None else extra[k]))
         theirs[k] = ukf.x
     ours = run(scenario)
     scale = np.abs(theirs).max(axis=0)
@@ -396,21 +399,23 @@ def test_inertial_data_are_plausible():
 def test_the_motion_of_the_record_is_judged():
     scenario = recorded_imu()
     assert scenario.steps == 56_939
-    assert scenario.judged.sum() == 35_855
-    assert not scenario.judged[:9600].any()
-    assert not np.isnan(scenario.truth[scenario.judged]).any()
+    judged, truth = scenario.record.judged, scenario.record.truth
+    assert judged.sum() == 35_855
+    assert not judged[:9600].any()
+    assert not np.isnan(truth[judged]).any()
     # A beginning without motion judges what has a truth.
-    assert recorded_imu(steps=100).judged.all()
+    assert recorded_imu(steps=100).record.judged.all()
 
 
 def test_recorded_odometry_integrates_to_the_truth():
     # Speeds and turn rate lead near the true end: the recording's axes and units are understood.
     scenario = recorded_odometry(steps=1000)
     x = scenario.x0 - [np.radians(30.0), 0.0, 0.0]
-    for u in scenario.inputs:
+    truth = scenario.record.truth
+    for u in scenario.record.inputs:
         x = np.asarray(scenario.f(x, np.zeros(3), u))
-    assert np.abs(scenario.error(x[None], scenario.truth[-1:]))[0, 0] < 0.3
-    assert np.linalg.norm(scenario.truth[-1, 1:] - scenario.truth[0, 1:]) > 0.3
+    assert np.abs(scenario.error(x[None], truth[-1:]))[0, 0] < 0.3
+    assert np.linalg.norm(truth[-1, 1:] - truth[0, 1:]) > 0.3
 
 
 @pytest.fixture
@@ -498,7 +503,7 @@ def test_only_judged_steps_count():
     scenario = pendulum(steps=50)
     judged = np.zeros(50, dtype=bool)
     judged[10:20] = True
-    results = run(replace(scenario, judged=judged))
+    results = run(change_data(scenario, judged=judged))
     found = judge(results)
     assert found.steps == 10
     np.testing.assert_array_equal(found.rms, np.sqrt(np.mean(results.errors[10:20] ** 2, axis=0)))
@@ -506,14 +511,14 @@ def test_only_judged_steps_count():
     with pytest.raises(ValueError, match=r"^after must leave a step that is judged, not 0\.3$"):
         judge(results, after=0.3)
     with pytest.raises(ValueError, match=r"^judged must have 50 steps, not 49$"):
-        replace(scenario, judged=judged[1:])
+        change_data(scenario, judged=judged[1:])
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
 def test_a_filter_can_be_pickled_and_goes_on(entry):
     scenario = entry.scenario(steps=2)
-    ukf = scenario.filter("reference")
+    ukf = UnscentedKalmanFilter(scenario)
     twin = pickle.loads(pickle.dumps(ukf))
     for each in (ukf, twin):
-        each.predict(None if scenario.inputs is None else scenario.inputs[0])
+        each.predict(None if scenario.record.inputs is None else scenario.record.inputs[0])
     assert np.array_equal(ukf.x, twin.x)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from support.problems import change_data
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
@@ -68,10 +69,10 @@ def test_bad_pivots_are_reported(native):
     scenario = nanosat(0, steps=3)
     with pytest.raises(BaselineError, match="Step 0 met a pivot that is not positive"):
         native.run("gsl", replace(scenario, P0=-scenario.P0))
-    measurements = scenario.measurements.copy()
+    measurements = scenario.samples()[0].copy()
     measurements[1] = np.inf
     with pytest.raises(BaselineError, match="Step 2 met a pivot that is not positive"):
-        native.run("fast", replace(scenario, measurements=measurements))
+        native.run("fast", change_data(scenario, measurements=measurements))
 
 
 def test_what_is_missing_is_named(tmp_path):

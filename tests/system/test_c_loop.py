@@ -21,7 +21,8 @@ from ukf_sw.problems.systems.nanosat import (
     nanosat,
     nanosat_2014_rates,
 )
-from ukf_sw.spec.parameters import Pipeline
+from ukf_sw.problems.systems.random_system import random_scenario
+from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.cli import app
 from ukf_tools.cli.c_software import describe_attitude
@@ -161,10 +162,11 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
     assert numbers.tolist() == [interval, *constants]
     assert interval == 1e-3
     assert constants[:7] == made.x0.tolist()
-    expected = np.where(made.sampled, made.measurements, 0.0)
+    observed, sampled = made.samples()
+    expected = np.where(sampled, observed, 0.0)
     assert numbers[-30 * 6 :].tolist() == expected.reshape(-1).tolist()
     masks = np.frombuffer(data, "<u4", 30, len(data) - 120)
-    assert (masks == made.sampled @ (1 << np.arange(6))).all()
+    assert (masks == sampled @ (1 << np.arange(6))).all()
     assert {0, 0b111, 0b111000} <= set(masks.tolist()) <= {0, 0b111, 0b111000, 0b111111}
 
 
@@ -177,6 +179,12 @@ def test_steps_must_be_there(steps, tmp_path):
 def test_scenarios_with_more_than_numbers_are_refused(tmp_path):
     made = CATALOGUE["ctrv"].scenario(steps=3)
     with pytest.raises(ValueError, match=r"^scenario must have numbers only, no angles, not 'ctrv"):
+        export_scenario(made, 3, tmp_path)
+
+
+def test_problems_with_several_sensors_are_refused(tmp_path):
+    made = random_scenario(UkfParams(n=2, m=3, sensors=(1, 2)), steps=3)
+    with pytest.raises(ValueError, match=r"^sensors must be one for C programs, not 2: s0, s1$"):
         export_scenario(made, 3, tmp_path)
 
 

@@ -74,7 +74,7 @@ def test_masks_come_with_the_samples(program, tmp_path):
     done, results = run(program, scenario, tmp_path, steps=40)
     assert done.returncode == 0, done.stderr
     assert first_difference(results, golden_results(scenario, 40)) is None
-    sampled = scenario.sampled.any(axis=1)
+    sampled = scenario.samples()[1].any(axis=1)
     assert 0 < sampled.sum() < 20
     assert (np.isnan(results.nis) == ~sampled).all()
 

@@ -17,6 +17,7 @@ from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, WrongCoreError
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.memory_map import MemoryMap
@@ -33,7 +34,7 @@ def test_script_runs_on_the_simulated_core(icarus, tmp_path, monkeypatch):
     assert "cosim" in backend_names()
     monkeypatch.chdir(tmp_path)
     scenario = random_scenario(TINY, steps=3)
-    ukf = scenario.filter("cosim:icarus")
+    ukf = UnscentedKalmanFilter(scenario, "cosim:icarus")
     driver = ukf.backend
     assert isinstance(driver, Driver)
     results = run(scenario, driver)
