@@ -90,7 +90,7 @@ def _layers() -> Drawing:
                 ("golden", "the core,", "seen from its bus"))  # fmt: skip
     second = row(142, 66, ("drivers", "driver;", "buses: UIO, PYNQ"),
                  ("filter", "models, reference"),
-                 ("problems", "scenarios,", "judging"))  # fmt: skip
+                 ("problems", "applications,", "runs, judging"))  # fmt: skip
     chain(first)
     chain(second)
     d.arrow(first[0].bottom(), second[0].top())

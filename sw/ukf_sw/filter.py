@@ -1,5 +1,6 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -95,7 +96,8 @@ class UnscentedKalmanFilter:
                     f"{backend.params.W0!r}"
                 )
             problem = problem.for_core(backend.params)
-        self._problem = problem
+        # Copies of a filter need neither the data nor what compares with them.
+        self._problem = problem = replace(problem, data=None, error=None)
         self._params = params = problem.params
         self._f = CheckedModel(
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
@@ -163,7 +165,7 @@ class UnscentedKalmanFilter:
 
     @property
     def problem(self) -> Problem:
-        """What is estimated, with the form, format and processing elements of the core."""
+        """What is estimated, by a core of this form, format and number of PEs; without data."""
         return self._problem
 
     @property

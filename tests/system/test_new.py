@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from typer.main import get_command
-from ukf_sw.problems.scenario import Scenario
 
 from ukf_sim.cosimulation import cosimulate
+from ukf_sw.problem import Problem
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.spec.fields import parameters_of
@@ -55,7 +55,8 @@ def test_filter_of_any_size_is_consistent(new, tmp_path, monkeypatch, number):
     results = run(scenario)
     nis = results.nis[100:]
     assert abs(nis.mean() - params.m) < 5.0 * np.sqrt(2.0 * params.m / len(nis))
-    assert np.abs(results.errors[100:]).max() < 0.2 * np.abs(scenario.x0 - scenario.truth[0]).max()
+    first = np.abs(scenario.x0 - scenario.record.truth[0]).max()
+    assert np.abs(results.errors[100:]).max() < 0.2 * first
 
 
 def test_files_are_listed_and_complete(new, tmp_path):
@@ -175,7 +176,7 @@ def test_scenarios_must_be_found_by_the_simulator():
     assert "make must be in a module that can be imported, not in the script" in done.stderr
 
 
-def three_steps(steps: int) -> Scenario:
+def three_steps(steps: int) -> Problem:
     return pendulum(steps=3)
 
 
