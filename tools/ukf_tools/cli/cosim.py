@@ -195,7 +195,7 @@ def _as_predicted(found: "Cosimulation", programs: dict[str, int]) -> bool:
 
     Each reading was compared with the golden model's; this is the comparison with the schedule.
     """
-    updates = (programs["UPDATE"], programs["UPDATE_REDRAWN"])
+    updates = [clocks for name, clocks in programs.items() if name.startswith("UPDATE")]
     return found.first_cycles.get("INIT") == programs["INIT"] and all(
         each.cycles.get("PREDICT", programs["PREDICT"]) == programs["PREDICT"]
         and each.cycles.get("UPDATE", updates[0]) in updates

@@ -108,7 +108,7 @@ def _core_options(*, lists: bool) -> list[inspect.Parameter]:
             # A configuration says what is not given, so the default is not known here.
             show_default=False if entry.default is None else entry.text(entry.default),
         )
-        text_only = lists or entry.kind is FloatFormat
+        text_only = lists or entry.kind in (FloatFormat, tuple)
         options[label] = (str if text_only else entry.kind) | None, option
     return [
         inspect.Parameter(
