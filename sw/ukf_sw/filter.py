@@ -101,13 +101,15 @@ class UnscentedKalmanFilter:
         self._params = params = problem.params
         self._f = CheckedModel(
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
-            rows=params.n, vectorized=problem.vectorized, angles=problem.state_angles,
+            rows=params.n, vectorized=problem.vectorized,
+            angles=cast("tuple[int, ...]", problem.state_angles),
         )  # fmt: skip
         self._h = tuple(
             CheckedModel(
                 problem.sensor(name).h, role="observation model " + of_sensor("h", name),
                 takes=("x", "v"), asked_by="update", rows=len(params.rows_of(number)),
-                vectorized=problem.vectorized, angles=problem.sensor(name).angles,
+                vectorized=problem.vectorized,
+                angles=cast("tuple[int, ...]", problem.sensor(name).angles),
             )
             for number, name in enumerate(problem.sensor_names)
         )  # fmt: skip

@@ -125,8 +125,9 @@ class Data:
         for name in ("inputs", "observation_arguments", "truth", "judged"):
             self._check(name, getattr(self, name))
         for name in ("measurements", "sampled"):
-            given = getattr(self, name)
-            for part in given.values() if isinstance(given, Mapping) else [given]:
+            given: Any = getattr(self, name)
+            parts: Any = given.values() if isinstance(given, Mapping) else [given]
+            for part in parts:
                 self._check(name, part)
 
     def _check(self, name: str, data: Any) -> None:
@@ -151,7 +152,8 @@ class Data:
 
         def cut(data: Any) -> Any:
             if isinstance(data, Mapping):
-                return {name: part[:steps] for name, part in data.items()}
+                parts = cast("Mapping[str, Any]", data)
+                return {name: part[:steps] for name, part in parts.items()}
             return None if data is None else data[:steps]
 
         return Data(**{each.name: cut(getattr(self, each.name)) for each in fields(self)})
@@ -359,13 +361,13 @@ class Problem:
             raise ValueError(
                 f"{of_sensor('m', name)} must be {len(names)}, the number of names, not {m!r}"
             )
-        R = sensor.R
+        covariance = sensor.R
         if noisy:
-            R, r = (np.zeros((m, m)) if R is None else R), m
+            covariance, r = (np.zeros((m, m)) if covariance is None else covariance), m
         stem = "z" if name == ONLY else name
         return Sensor(
             sensor.h,
-            R=as_covariance(R, of_sensor("R", name), r),
+            R=as_covariance(covariance, of_sensor("R", name), r),
             m=m,
             observations=names or {f"{stem}[{i}]" if m > 1 else stem: "" for i in range(m)},
             angles=as_indices(sensor.angles, of_sensor("angles", name), m, tuple(names)),
@@ -502,10 +504,13 @@ class Problem:
         if not isinstance(given, Mapping):
             if len(names) > 1:
                 raise ValueError(f"{what} must be by sensor, {', '.join(names)}, not one array")
-            given = {names[0]: given}
-        if set(given) != set(names):
-            raise ValueError(f"{what} must be of {', '.join(names)}, not {', '.join(given)}")
-        parts = {name: _array(of_sensor(what, name), given[name]) for name in names}
+            given = dict.fromkeys(names, given)
+        found = cast("Mapping[str, Any]", given)
+        if set(found) != set(names):
+            raise ValueError(
+                f"{what} must be of {', '.join(names)}, not {', '.join(map(str, found))}"
+            )
+        parts = {name: _array(of_sensor(what, name), found[name]) for name in names}
         for name, part in parts.items():
             shape = steps, cast("int", self._sensors[name].m)
             if part.shape != shape:
@@ -593,6 +598,6 @@ class Problem:
         if self.error is not None:
             return self.error(x, truth[: len(x)])
         difference = x - truth[: len(x)]
-        for row in self.state_angles:
+        for row in cast("tuple[int, ...]", self.state_angles):
             difference[:, row] = wrap(difference[:, row], 0.0)
         return difference

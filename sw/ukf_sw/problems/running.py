@@ -8,7 +8,7 @@
     print(found.x[-1], found.errors[-1])
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -223,7 +223,8 @@ def run(
             after_step(0, ukf)
         for k in range(total):
             ukf.predict(None if data.inputs is None else data.inputs[k])
-            arguments = {} if data.observation_arguments is None else data.observation_arguments[k]
+            extra = data.observation_arguments
+            arguments: Mapping[str, Any] = {} if extra is None else extra[k]
             for number, (name, z, sampled) in enumerate(sensors):
                 if sampled[k].any():
                     ukf.update(z[k], mask=sampled[k], sensor=name, **arguments)

@@ -27,12 +27,13 @@ def _tables(problem: Problem, steps: int) -> dict[str, Array]:
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    if len(problem.sensor_names) > 1:
+    sensors = [problem.sensor(name) for name in problem.sensor_names]
+    if len(sensors) > 1:
         raise ValueError(
-            f"sensors must be one for C programs, not {len(problem.sensor_names)}: "
+            f"sensors must be one for C programs, not {len(sensors)}: "
             f"{', '.join(problem.sensor_names)}"
         )
-    angles = problem.state_angles or problem.sensor(problem.sensor_names[0]).angles
+    angles = problem.state_angles or sensors[0].angles
     if data.observation_arguments is not None or angles:
         raise ValueError(f"scenario must have numbers only, no angles, not {problem.name!r}")
     observations, sampled = problem.samples()

@@ -4,10 +4,11 @@ Whatever lists the parameters of a core has them from here: options of commands,
 of sweeps, records, titles. So a new field is in all of them.
 """
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, fields
 from enum import Enum
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -135,7 +136,8 @@ class Parameter:
         if self.kind in _KINDS:
             value = _as(self.kind, self.name, value)
         elif self.kind is tuple and isinstance(value, (tuple, list)):
-            return tuple(self._in_range(as_int(f"each of {self.name}", each)) for each in value)
+            each_of = cast("Sequence[object]", value)
+            return tuple(self._in_range(as_int(f"each of {self.name}", each)) for each in each_of)
         elif isinstance(value, str):
             value = self.read(value)
         elif not isinstance(value, self.kind):
@@ -156,7 +158,7 @@ class Parameter:
         if isinstance(value, FloatFormat):
             return value.name
         if isinstance(value, tuple):
-            return "+".join(map(str, value)) or NONE
+            return "+".join(map(str, cast("tuple[int, ...]", value))) or NONE
         return float(value) if self.kind is float else value
 
     def text(self, value: Any) -> str:
@@ -200,7 +202,9 @@ class Parameter:
                 "exponent_bits": value.exponent_bits,
                 "fraction_bits": value.fraction_bits,
             }
-        return list(value) if isinstance(value, tuple) else self.cell(value)
+        if isinstance(value, tuple):
+            return list(cast("tuple[int, ...]", value))
+        return self.cell(value)
 
     def from_record(self, entry: Any) -> Any:
         """Give the value of what :meth:`record` gave."""
