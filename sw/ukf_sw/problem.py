@@ -126,8 +126,8 @@ class Data:
             self._check(name, getattr(self, name))
         for name in ("measurements", "sampled"):
             given: Any = getattr(self, name)
-            parts: Any = given.values() if isinstance(given, Mapping) else [given]
-            for part in parts:
+            by_sensor = given if isinstance(given, Mapping) else {ONLY: given}
+            for part in cast("Mapping[str, Any]", by_sensor).values():
                 self._check(name, part)
 
     def _check(self, name: str, data: Any) -> None:
