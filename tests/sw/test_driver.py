@@ -131,7 +131,7 @@ def test_wrong_core_is_named(register, field):
 
 #: Another value of every parameter that must agree.
 OTHER = {
-    "n": 3, "m": 2, "q": 1, "r": 2, "process_noise": Noise.ADDITIVE,
+    "n": 3, "m": 3, "q": 1, "r": 1, "sensors": (1, 1), "process_noise": Noise.ADDITIVE,
     "observation_noise": Noise.ADDITIVE, "W0": 0.5 + 2**-53, "form": Form.COVARIANCE,
     "format": BFLOAT16,
 }  # fmt: skip
@@ -139,7 +139,7 @@ OTHER = {
 
 @pytest.mark.parametrize("name", OTHER)
 def test_a_core_that_differs_in_any_parameter_is_refused(name):
-    params = UkfParams(n=2, m=1, q=2, r=1, W0=0.5)
+    params = UkfParams(n=2, m=2, q=2, r=2, W0=0.5)
     with pytest.raises(WrongCoreError):
         Driver(GoldenBus(GoldenCore(params)), replace(params, **{name: OTHER[name]}))
     assert {*OTHER, "pes"} == set(vars(params))

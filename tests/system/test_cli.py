@@ -16,7 +16,7 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import PARAMETERS
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 from ukf_tools.cli import app
 from ukf_tools.cli.apps import apps_app
 
@@ -137,7 +137,7 @@ def test_disassemble_a_program(ukf, program):
     lines = ukf("disassemble", *TINY, "--program", program).stdout.splitlines()
     code = microcode(TINY_PARAMS, Pipeline())
     chosen = Program[program.upper()]
-    operations = len(code.programs[chosen].plan.operations)
+    operations = len(code.programs[Routine(chosen)].plan.operations)
     words = len(code.words_of(chosen))
     assert f"{chosen.name}: {words} words, {operations} operations" in lines
     assert "Columns: 0..5 sigma points, 6 right-hand side." in lines
@@ -154,7 +154,7 @@ def test_disassemble_all_as_json(ukf):
     assert record["columns"] == {"sigma points": [0, 1, 2, 3, 4, 5], "right-hand side": [6]}
     assert [each["program"] for each in record["programs"]] == [each.name for each in Program]
     for each in record["programs"]:
-        plan = code.programs[Program[each["program"]]].plan
+        plan = code.programs[Routine(Program[each["program"]], each["sensor"])].plan
         assert each["words"] == plan.length
         assert sorted(entry["clock"] for entry in each["operations"]) == sorted(plan.issue)
 
@@ -193,14 +193,15 @@ def test_generate_is_reproducible(ukf, tmp_path):
 
 def test_generate_takes_every_option(ukf, tmp_path):
     ukf(
-        "generate", "--n", 2, "--m", 3, "--q", 2, "--r", 3, "--process-noise", "additive",
+        "generate", "--n", 2, "--m", 3, "--q", 2, "--r", 3, "--sensors", "2+1",
+        "--process-noise", "additive",
         "--observation-noise", "additive", "--w0", 0.5, "--pes", 3, "--form", "covariance",
         "--format", "float6.17", "--multiply-stages", 1, "--add-stages", 2,
         "--reciprocal-sqrt-stages", 3, "--output", "rtl",
     )  # fmt: skip
     described = json.loads((tmp_path / "rtl" / "ukf_core.json").read_text())
     assert described["parameters"] == {
-        "n": 2, "m": 3, "q": 2, "r": 3, "process_noise": "additive",
+        "n": 2, "m": 3, "q": 2, "r": 3, "sensors": [2, 1], "process_noise": "additive",
         "observation_noise": "additive", "W0": 0.5, "form": "covariance",
         "format": {"name": "float6.17", "exponent_bits": 6, "fraction_bits": 17}, "pes": 3,
     }  # fmt: skip
