@@ -13,6 +13,7 @@ from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
+from ukf_sw.spec.sequence import Program
 from ukf_tools.estimate.latency import latency
 
 pytestmark = pytest.mark.system
@@ -253,8 +254,8 @@ def test_overhead_of_steps_is_the_same_for_all():
     """CYCLES counts a few clocks more than there are words, whatever the program."""
     code = microcode(NANOSAT, Pipeline())
     extra = {
-        code.clocks(program) - code.programs[program].plan.length
-        for program in code.programs
-        if program.name != "UPDATE_REDRAWN"
+        code.clocks(*routine) - code.programs[routine].plan.length
+        for routine in code.programs
+        if routine.program is not Program.UPDATE_REDRAWN
     }
     assert len(extra) == 1
