@@ -126,9 +126,11 @@ class Data:
             self._check(name, getattr(self, name))
         for name in ("measurements", "sampled"):
             given: Any = getattr(self, name)
-            by_sensor = given if isinstance(given, Mapping) else {ONLY: given}
-            for part in cast("Mapping[str, Any]", by_sensor).values():
-                self._check(name, part)
+            if isinstance(given, Mapping):
+                for part in cast("Mapping[str, Any]", given).values():
+                    self._check(name, part)
+            else:
+                self._check(name, given)
 
     def _check(self, name: str, data: Any) -> None:
         if data is not None and len(data) != self.steps:
