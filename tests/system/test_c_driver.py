@@ -583,6 +583,20 @@ def test_a_fast_bus_is_polled_for_the_whole_time_out(library):
         assert next(polls) > 1500
 
 
+@pytest.mark.parametrize("what", ["x", "P"])
+def test_an_assignment_forgets_the_predicted_points(library, what):
+    """An update that follows draws new ones, as in Python."""
+    c, python, c_bus, python_bus = both(library, AUGMENTED)
+    n, m = AUGMENTED.n, AUGMENTED.m
+    value = {"x": np.linspace(0.5, 1.0, n), "P": 2.0 * np.eye(n)}[what]
+    for ukf in (c, python):
+        ukf.predict(0.3)
+        setattr(ukf, what, value)
+        ukf.update(np.ones(m))
+    assert same(c, python)
+    assert c_bus.log == python_bus.log
+
+
 def test_restoring_forgets_a_prediction(library):
     c, _ = start(library, AUGMENTED)
     saved = c.save()
