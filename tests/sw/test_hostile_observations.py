@@ -85,19 +85,23 @@ def test_a_row_is_found_where_one_before_it_was_nearly_dependent_too():
     assert error.value.index == 2
 
 
-def test_more_sensors_than_states_without_noise_are_found():
-    rng = np.random.default_rng(5)
-    passed = 0
-    for _ in range(100):
-        H = rng.standard_normal((3, 2)) * 10.0 ** rng.uniform(-2, 2, (3, 1))
-        root = rng.standard_normal((2, 2))
-        ukf = observing(H, "golden", {"pes": 2}, P0=root @ root.T)
-        try:
-            ukf.update(np.zeros(3))
-            passed += 1
-        except SingularObservationError:
-            pass
-    assert passed <= 1
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_more_sensors_than_states_are_found_as_often_as_in_float64(seed):
+    """What passes has two rows before it that are nearly the same."""
+    passed = {}
+    for backend in ("reference", "golden"):
+        rng = np.random.default_rng(seed)
+        passed[backend] = 0
+        for _ in range(100):
+            H = rng.standard_normal((3, 2)) * 10.0 ** rng.uniform(-2, 2, (3, 1))
+            root = rng.standard_normal((2, 2))
+            ukf = observing(H, backend, {"pes": 2}, P0=root @ root.T)
+            try:
+                ukf.update(np.zeros(3))
+                passed[backend] += 1
+            except SingularObservationError:
+                pass
+    assert passed["golden"] <= passed["reference"] <= 5
 
 
 @pytest.mark.parametrize(("backend", "core"), CORES)
