@@ -71,7 +71,8 @@ struct ukf_core {
  *
  * - Nothing has been done, and that is certain, with UKF_NOT_FINITE, UKF_SINGULAR_OBSERVATION,
  *   UKF_NOT_POSITIVE_DEFINITE, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those that say that something
- *   has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED, UKF_NOT_RECOVERED.
+ *   has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED, UKF_NOT_RECOVERED. But a ukf_start() with
+ *   UKF_NOT_FINITE is in doubt: x and P have been written before the core refuses Q or R.
  * - UKF_BUS_ERROR of a call that had only begun to read an estimate leaves no doubt either.
  * - Whether what was asked for has been done is open with UKF_BUS_ERROR otherwise, UKF_TIMEOUT,
  *   UKF_STEP_LOST, UKF_ILLEGAL_STEP, and codes that are not known: go on with ukf_recover().

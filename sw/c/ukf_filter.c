@@ -8,8 +8,8 @@
 
 #define TURN 6.283185307179586476925286766559
 
-/** Rows i and j of a matrix must agree to this part of its largest element. */
-#define ASYMMETRY (sizeof(ukf_real) == sizeof(double) ? 1e-9 : 1e-5)
+/** Elements (i, j) and (j, i) of a covariance must agree to this part of sqrt(a_ii a_jj), or better. */
+#define ASYMMETRY 1e-9
 
 /** Numbers of the factors of Q and R. */
 static uint32_t noise_length(const struct ukf_core *core)
@@ -85,7 +85,7 @@ static bool all_fit(const struct ukf *ukf, const ukf_real *values, uint32_t coun
 static enum ukf_result factor(const struct ukf *ukf, uint32_t size, const ukf_real *A,
                               bool definite, ukf_real *B)
 {
-    double largest = 0.0;
+    const double part = fmax(ASYMMETRY, ukf_rounding_errors(size));
 
     if (size == 0u) {
         return UKF_OK;
@@ -93,25 +93,20 @@ static enum ukf_result factor(const struct ukf *ukf, uint32_t size, const ukf_re
     if (A == NULL || !all_finite(A, size * size)) {
         return UKF_BAD_ARGUMENT;
     }
-    for (uint32_t i = 0; i < size * size; i++) {
-        largest = fmax(largest, fabs((double)A[i]));
-    }
     for (uint32_t i = 0; i < size; i++) {
         for (uint32_t j = 0; j < i; j++) {
-            if (fabs((double)A[i * size + j] - (double)A[j * size + i]) > ASYMMETRY * largest) {
+            const double limit = part * sqrt(fabs((double)A[i * size + i])) *
+                                 sqrt(fabs((double)A[j * size + j]));
+
+            if (fabs((double)A[i * size + j] - (double)A[j * size + i]) > limit) {
                 return UKF_BAD_ARGUMENT;
             }
         }
     }
-    if (!ukf_lower_factor(size, A, B) || !all_fit(ukf, B, size * size)) {
+    if (definite && !ukf_is_definite(size, A, B)) {
         return UKF_BAD_ARGUMENT;
     }
-    for (uint32_t i = 0; definite && i < size; i++) {
-        if (!(B[i * size + i] > 0)) {
-            return UKF_BAD_ARGUMENT;
-        }
-    }
-    return UKF_OK;
+    return ukf_lower_factor(size, A, B) && all_fit(ukf, B, size * size) ? UKF_OK : UKF_BAD_ARGUMENT;
 }
 
 static enum ukf_result factor_P(const struct ukf *ukf, const ukf_real *P, ukf_real *B)
@@ -276,8 +271,7 @@ static enum ukf_result send_all(struct ukf *ukf)
         result = use_next_noise(ukf);
     }
     ukf->started = ukf->started || result == UKF_OK;
-    ukf->driver.doubtful = result != UKF_OK; /* also if INIT was refused: x and L are others now */
-    return result;
+    return ukf->started ? back_out(ukf, result, write_old_noise) : result;
 }
 
 /** Finish what is being assigned; it is given up if the core refuses it. */
@@ -302,8 +296,16 @@ static enum ukf_result assign(struct ukf *ukf, enum ukf_result (*send)(struct uk
 /** Begin anew from `x` and from what L and next_noise hold. */
 static enum ukf_result begin(struct ukf *ukf, const ukf_real *x)
 {
+    enum ukf_result result;
+
     memcpy(ukf->x, x, ukf->driver.core->n * sizeof *x);
-    return assign(ukf, send_all);
+    result = assign(ukf, send_all);
+    if (result != UKF_OK) {
+        /* In doubt also if INIT was refused: x and L are others now. */
+        ukf->unfinished = send_all;
+        ukf->driver.doubtful = true;
+    }
+    return result;
 }
 
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,

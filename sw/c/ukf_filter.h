@@ -149,7 +149,8 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
  * @param Q   Covariance of w, q by q; NULL if q is 0.
  * @param R   Covariance of v, r by r; NULL if r is 0.
  * @return UKF_BAD_ARGUMENT if a number is not finite, also in the format of the core, or a matrix not
- *         a covariance: the filter goes on as if not called. The errors of the core.
+ *         a covariance: the filter goes on as if not called. The errors of the core, also
+ *         UKF_NOT_FINITE if Q or R is so large that INIT overflows, leave a doubt: start again.
  */
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,
                           const ukf_real *R);
@@ -213,7 +214,9 @@ enum ukf_result ukf_restore(struct ukf *ukf, const ukf_real *x, const ukf_real *
  *
  * Afterwards estimate and settings agree again:
  *
- * - ukf_set_...(), ukf_start() or ukf_restore() that broke off has been done.
+ * - ukf_set_...(), ukf_start() or ukf_restore() that broke off has been done. If the core refuses it,
+ *   it is given up; of a ukf_start() the estimate stays, with Q, R and gate from before. If there are
+ *   none, UKF_NOT_STARTED is what follows.
  * - A predict that broke off has not happened, or has happened as a whole. So has an update.
  * - If the core had to be reset in a step, and the estimate was a prediction that had not been
  *   factorised, it is that from before the prediction.
@@ -222,8 +225,8 @@ enum ukf_result ukf_restore(struct ukf *ukf, const ukf_real *x, const ukf_real *
  * but the NIS.
  *
  * @return UKF_ESTIMATE_LOST if it cannot be found out what is left of the estimate. The core's
- *         refusals (UKF_NOT_FINITE, ...) are about the assignment that broke off, which is not made
- *         then. UKF_BUS_ERROR, UKF_TIMEOUT and the like if the core cannot be reached.
+ *         refusals (UKF_NOT_FINITE, ...) are about the assignment that broke off, which is given up,
+ *         and leave no doubt. UKF_BUS_ERROR, UKF_TIMEOUT and the like if the core cannot be reached.
  */
 enum ukf_result ukf_recover(struct ukf *ukf);
 

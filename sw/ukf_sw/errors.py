@@ -5,6 +5,7 @@ Wrong arguments are not among them: those are the usual TypeError and ValueError
 What a method that raises has done:
 
 - TypeError, ValueError, and what is in :data:`REFUSALS`: nothing. Filter and core are as before.
+  But a driver's ``initialise()`` that INIT refuses leaves a doubt: x and P have been written.
 - Anything else (:class:`BusError`, :class:`CoreTimeoutError`, :class:`StepLostError`,
   KeyboardInterrupt, ...), if it came while the core was asked: that is open. Filter and driver then
   refuse with :class:`NotRecoveredError` whatever needs the core, until their ``recover()`` has

@@ -352,6 +352,45 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
+        "C filter: asymmetry is judged beside the largest element", "sw/c/ukf_filter.c",
+        "sqrt(fabs((double)A[i * size + i])) *",
+        "sqrt(fabs((double)A[0])) *",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: the upper triangle of a covariance is dropped", "sw/c/ukf_factor.c",
+        "return lower + (A[j * size + i] - lower) / 2;", "return lower;",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a covariance with small pivots is refused", "sw/c/ukf_factor.c",
+        " || factorise(size, A, part, 0.0, B)) {", ") {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a factor is not compared with its covariance", "sw/c/ukf_factor.c",
+        "if (!(fabs(rest) <= tolerance * unit)) {", "if (!(fabs(rest) <= unit)) {",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a singular covariance is definite", "sw/c/ukf_factor.c",
+        "factorise(size, A, -ukf_rounding_errors(size), 0.0, scratch)",
+        "factorise(size, A, 0.0, 0.0, scratch)",
+        C_DRIVER,
+    ),
+    Mutant(
+        "C filter: a start that is refused is tried for ever", "sw/c/ukf_filter.c",
+        "return ukf->started ? back_out(ukf, result, write_old_noise) : result;",
+        "ukf->driver.doubtful = result != UKF_OK;\n    return result;",
+        C_RECOVERY + "::test_a_start_that_the_core_refuses",
+    ),
+    Mutant(
+        "C filter: a start that is refused leaves its noise", "sw/c/ukf_filter.c",
+        "return ukf->started ? back_out(ukf, result, write_old_noise) : result;",
+        "return result;",
+        C_RECOVERY + "::test_a_start_that_the_core_refuses",
+    ),
+    Mutant(
         "C filter: angles of z are not wrapped", "sw/c/ukf_filter.c",
         "if ((models->observation_angles & used) >> i & 1u) {", "if (i > UKF_MAX_SIZE) {",
         C_DRIVER,

@@ -525,6 +525,27 @@ def test_events_from_before_the_driver_are_cleared():
     assert core.read(INTERRUPT_PENDING.offset) == (0, True)
 
 
+def test_a_beginning_that_the_core_refuses():
+    """In doubt, as x and P have been written; recovering gives up Q and R."""
+    noise = np.eye(1), np.eye(2)
+    driver = Driver(GoldenBus(GoldenCore(SMALL)), SMALL)
+    driver.initialise(np.zeros(2), np.eye(2), *noise)
+    kept = driver.noise_points()
+    for beginning in (driver.recover, lambda: driver.initialise(np.zeros(2), np.eye(2), *noise)):
+        with pytest.raises(NotFiniteError, match=r"^INIT met NaN or infinity$"):
+            driver.initialise(np.ones(2), 4.0 * np.eye(2), 1e77 * np.eye(1), noise[1])
+        with pytest.raises(NotRecoveredError):
+            driver.state()
+        if beginning == driver.recover:
+            with pytest.raises(NotFiniteError, match=r"^INIT met NaN or infinity$"):
+                beginning()
+            assert (driver.state() == 1.0).all()
+        beginning()
+        driver.sigma_points()
+        for found, expected in zip(driver.noise_points(), kept, strict=True):
+            assert (found == expected).all()
+
+
 def test_after_a_reset_by_another_the_driver_initialises_again():
     driver, bus, core = start()
     points = driver.sigma_points()

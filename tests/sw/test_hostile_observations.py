@@ -70,6 +70,39 @@ def test_dependent_rows_of_any_scale_are_found_and_precise_sensors_are_not(form,
     assert np.isfinite(ukf.P).all()
 
 
+def test_a_row_is_found_where_one_before_it_was_nearly_dependent_too():
+    """Its rounding errors are magnified then; a margin of 2^-40 let it pass."""
+    H = np.array([
+        [1.337560930857414, 0.1757359503214666],
+        [-0.7196249616847328, -0.26622137111407684],
+        [0.056934041566392736, -0.4300137156429038],
+    ])  # fmt: skip
+    ukf = observing(H, "golden", {"pes": 2}, P0=np.eye(2))
+    ukf.predict()
+    with pytest.raises(SingularObservationError) as error:
+        ukf.update(H @ [1.0, 1.0] + [0.0, 0.0, 1e-3])
+    assert error.value.index == 2
+
+
+@pytest.mark.parametrize("seed", [5, 6, 7])
+def test_more_sensors_than_states_are_found_as_often_as_in_float64(seed):
+    """What passes has two rows before it that are nearly the same."""
+    passed = {}
+    for backend in ("reference", "golden"):
+        rng = np.random.default_rng(seed)
+        passed[backend] = 0
+        for _ in range(100):
+            H = rng.standard_normal((3, 2)) * 10.0 ** rng.uniform(-2, 2, (3, 1))
+            root = rng.standard_normal((2, 2))
+            ukf = observing(H, backend, {"pes": 2}, P0=root @ root.T)
+            try:
+                ukf.update(np.zeros(3))
+                passed[backend] += 1
+            except SingularObservationError:
+                pass
+    assert passed["golden"] <= passed["reference"] <= 5
+
+
 @pytest.mark.parametrize(("backend", "core"), CORES)
 @pytest.mark.parametrize("row", [0, 1])
 @pytest.mark.parametrize("redrawn", [False, True])

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from support.c_binding import CFilter, CFilterError, Result, compile_library
+from support.covariances import random_covariances
 from support.problems import core_of
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError
-from ukf_sw.factors import lower_factor
+from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, rounding_errors
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problem import Problem, Sensor
@@ -290,12 +291,24 @@ def test_rounding_is_that_of_the_format(library, params):
 
 
 def factor_in_c(library, A):
-    B = np.full(A.shape, np.nan)
-    function = library.ukf_lower_factor
+    B = np.full_like(A, np.nan)
+    return B if call_with_matrices(library.ukf_lower_factor, A, B) else None
+
+
+def is_definite_in_c(library, A):
+    return call_with_matrices(library.ukf_is_definite, A, np.empty_like(A))
+
+
+def call_with_matrices(function, A, B):
     function.restype = ctypes.c_bool
-    pointer = ctypes.POINTER(ctypes.c_double)
-    okay = function(len(A), A.ctypes.data_as(pointer), B.ctypes.data_as(pointer))
-    return B if okay else None
+    return function(len(A), *(ctypes.c_void_p(matrix.ctypes.data) for matrix in (A, B)))
+
+
+#: Both types of ukf_real, with the flags of the compiler.
+REALS = [
+    pytest.param(np.float64, (), id="double"),
+    pytest.param(np.float32, ("-DUKF_REAL=float",), id="float"),
+]
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 32])
@@ -324,6 +337,68 @@ def test_factors_are_those_of_python(library, size):
         assert factor_in_c(library(SMALLEST), indefinite) is None
         indefinite[0, 0] = 0.0
         assert factor_in_c(library(SMALLEST), indefinite) is None
+
+
+@pytest.mark.parametrize(("dtype", "flags"), REALS)
+def test_every_covariance_has_a_factor(library, dtype, flags):
+    """As in Python, of all ranks and scales; each element beside the deviations of its place."""
+    compiled = library(SMALLEST, flags)
+    epsilon = float(np.finfo(dtype).eps)
+    singular = 0
+    for A in random_covariances(dtype):
+        B = factor_in_c(compiled, A)
+        assert B is not None, A
+        assert not np.triu(B, 1).any()
+        wide, factor = A.astype(np.float64), B.astype(np.float64)
+        deviations = np.sqrt(np.diag(wide))
+        limit = (len(A) + 1) * epsilon * np.outer(deviations, deviations)
+        assert (np.abs(factor @ factor.T - wide) <= limit).all()
+        try:
+            check_definite(wide, epsilon)
+        except IndefiniteError:
+            singular += 1
+            assert not is_definite_in_c(compiled, A)
+        else:
+            assert is_definite_in_c(compiled, A)
+    assert 100 < singular < 300
+
+
+@pytest.mark.parametrize(("dtype", "flags"), REALS)
+@pytest.mark.parametrize("size", [2, 5, 13])
+def test_what_is_refused_is_refused_by_python(library, dtype, flags, size):
+    """Matrices whose smallest eigenvalue is a little below zero, or above."""
+    compiled = library(SMALLEST, flags)
+    epsilon = float(np.finfo(dtype).eps)
+    rng = np.random.default_rng(size)
+    ones = np.ones((size, 1)) / np.sqrt(size)
+    scales = np.ldexp(1.0, rng.integers(-9, 9, size))
+    for part in (-4.0, -1.5, -0.6, 0.0, 0.6, 1.5):
+        # All eigenvalues but one are equal, and so are the diagonal elements, just below 1.
+        A = 0.9 * (np.eye(size) - ones @ ones.T) * size / (size - 1)
+        A += part * rounding_errors(size, epsilon) * np.eye(size)
+        A = (A * np.outer(scales, scales)).astype(dtype)
+        accepted = definite = True
+        try:
+            lower_factor(A.astype(np.float64), epsilon)
+        except IndefiniteError:
+            accepted = False
+        try:
+            check_definite(A.astype(np.float64), epsilon)
+        except IndefiniteError:
+            definite = False
+        assert (factor_in_c(compiled, A) is not None) == accepted == (part > -1.0)
+        assert is_definite_in_c(compiled, A) == definite == (part > 1.0)
+
+
+def test_ordinary_singular_covariances_are_accepted(library):
+    """A small pivot magnifies the rounding errors of those after it."""
+    G = np.array([[-0.8, -0.49], [-0.98, -0.62], [-1.0, 0.37]])
+    Q = G @ G.T
+    c, _ = start(library, MIXED)
+    data = problem(MIXED)
+    c.start(data["x0"], Q, Q, data["R"])
+    assert np.allclose(c.P, Q, rtol=1e-14)
+    c.set_noise(Q, data["R"])
 
 
 def test_models_of_the_nanosatellite_are_those_of_python(library):
@@ -431,6 +506,9 @@ def test_a_refused_access_is_told_while_running(library, symbol):
         ("x0", [np.nan, 0.0, 0.0]),
         ("P0", -np.eye(3)),
         ("P0", np.array([[1.0, 0.5, 0.0], [0.4, 1.0, 0.0], [0.0, 0.0, 1.0]])),
+        ("P0", np.array([[1e12, 0.0, 0.0], [0.0, 1.0, 0.9], [0.0, -0.9, 1.0]])),
+        ("P0", np.array([[1e12, 0.0, 0.0], [0.0, 1.0, 2e-9], [0.0, 0.0, 1.0]])),
+        ("P0", np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1e-300], [0.0, 0.0, 1.0]])),
         ("P0", np.diag([1.0, np.inf, 1.0])),
         ("Q", None),
         ("Q", -np.eye(2)),
@@ -444,6 +522,18 @@ def test_starting_checks_its_arguments_before_it_writes(library, name, value):
     error = failing(c.start, data["x0"], data["P0"], data["Q"], data["R"])
     assert error.result is Result.BAD_ARGUMENT
     assert len(bus.log) == before
+
+
+def test_what_is_nearly_symmetric_is_taken_as_its_mean(library):
+    """As in Python: bit for bit."""
+    c, python, c_bus, python_bus = both(library, AUGMENTED)
+    P = np.diag([1e12, 1.0, 1e-12])
+    P[0, 1], P[1, 0], P[2, 1] = 1e5, 1e5 + 9e-4, 9e-16
+    for ukf in (c, python):
+        ukf.P = P
+        ukf.redraw()
+    assert c_bus.log == python_bus.log
+    assert c.P[1, 0] == c.P[0, 1]
 
 
 @pytest.mark.parametrize("flags", [(), FAST], ids=["O2", "Ofast"])
@@ -595,6 +685,20 @@ def test_a_fast_bus_is_polled_for_the_whole_time_out(library):
         bus.read = finish_late
         ukf.predict(0.1)
         assert next(polls) > 1500
+
+
+@pytest.mark.parametrize("what", ["x", "P"])
+def test_an_assignment_forgets_the_predicted_points(library, what):
+    """An update that follows draws new ones, as in Python."""
+    c, python, c_bus, python_bus = both(library, AUGMENTED)
+    n, m = AUGMENTED.n, AUGMENTED.m
+    value = {"x": np.linspace(0.5, 1.0, n), "P": 2.0 * np.eye(n)}[what]
+    for ukf in (c, python):
+        ukf.predict(0.3)
+        setattr(ukf, what, value)
+        ukf.update(np.ones(m))
+    assert same(c, python)
+    assert c_bus.log == python_bus.log
 
 
 def test_restoring_forgets_a_prediction(library):

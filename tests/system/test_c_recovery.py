@@ -511,15 +511,45 @@ def with_call(case, library, call):
 
 
 def test_a_start_that_the_core_refuses(library):
-    """The estimate is in the core already: nothing but another start will do."""
+    """In doubt, as x and P are in the core already; ukf_recover() gives up Q and R."""
     case = USUAL[0]
     expected = traits(*with_call(case, library, OPERATIONS["start"]))
     ukf, bus = case.start(library(case.params))
     huge = np.array([[1e38**2 * 9.0]])
     assert attempt(lambda ukf: ukf.start([0.5, 0.6], P1, huge, P1), ukf) is Result.NOT_FINITE
     check_refusal(ukf, bus)
-    assert attempt(CFilter.recover, ukf) is Result.NOT_FINITE
-    check_refusal(ukf, bus)
     OPERATIONS["start"](ukf)
     # The gate is that from before.
     assert np.array_equal(traits(ukf, bus), expected)
+
+    def start_with_noise_from_before(ukf):
+        ukf.start([0.5, 0.6], P1, 0.1 * np.eye(case.params.q), 0.2 * np.eye(2))
+
+    kept = traits(*with_call(case, library, start_with_noise_from_before))
+    ukf, bus = case.start(library(case.params))
+    assert attempt(lambda ukf: ukf.start([0.5, 0.6], P1, huge, P1), ukf) is Result.NOT_FINITE
+    assert attempt(CFilter.recover, ukf) is Result.NOT_FINITE
+    assert not ukf.doubtful
+    assert np.array_equal(traits(ukf, bus), kept)
+    OPERATIONS["start"](ukf)
+    assert np.array_equal(traits(ukf, bus), expected)
+
+
+def test_a_first_start_that_the_core_refuses(library):
+    """There are no Q and R from before: it is not started."""
+    case = USUAL[0]
+    expected = traits(*with_call(case, library, OPERATIONS["start"]))
+    huge = np.array([[1e38**2 * 9.0]])
+    for gives_up in (False, True):
+        ukf, bus = case.open(library(case.params))
+        assert attempt(lambda ukf: ukf.start([0.5, 0.6], P1, huge, P1), ukf) is Result.NOT_FINITE
+        check_refusal_before_start(ukf, bus)
+        if gives_up:
+            assert attempt(CFilter.recover, ukf) is Result.NOT_FINITE
+            assert not ukf.doubtful
+            for name, operate in OPERATIONS.items():
+                if name != "start":
+                    assert attempt(operate, ukf) is Result.NOT_STARTED
+        OPERATIONS["start"](ukf)
+        ukf.set_gate(50.0)
+        assert np.array_equal(traits(ukf, bus), expected)

@@ -498,7 +498,8 @@ class Driver:
         IndefiniteError
             If a matrix is not positive semidefinite. Nothing has been done then.
         StepError
-            If INIT does not succeed.
+            If INIT does not succeed. x and P have been written then, so that leaves a doubt; a
+            refusal in :meth:`recover` leaves them with Q and R from before.
         """
         self._certainty.assign_anew(
             self._initialise,
@@ -512,9 +513,7 @@ class Driver:
         self._reset_core()
         self._write(self._x_addresses, x)
         self._write_matrix("L", L)
-        self._noise = LQ, LR
-        self._write_noise(LQ, LR)
-        self._ensure_initialised()
+        self._use_noise(LQ, LR)
 
     def set_state(self, x: Array) -> None:
         """Write x, shape (n,); P stays.
@@ -560,9 +559,10 @@ class Driver:
         """
         factors = self._noise_words(Q, R)
         self.redraw()  # INIT would forget a prediction that has not been factorised
-        self._certainty.assign(self._set_noise, *factors)
+        self._certainty.assign(self._use_noise, *factors)
 
-    def _set_noise(self, LQ: Words, LR: Words) -> None:
+    def _use_noise(self, LQ: Words, LR: Words) -> None:
+        """Write factors of Q and R, and run INIT; if it is refused, with those from before."""
         try:
             self._write_noise(LQ, LR, before=self._noise)
             self._ensure_initialised()

@@ -6,7 +6,7 @@ and the columns of additive noise, are the only ones that need a factor.
 """
 
 from fractions import Fraction
-from math import sqrt
+from math import frexp, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,23 +25,25 @@ def weights(params: UkfParams) -> NDArray[np.float64]:
     """Weights of the sigma points in the format, shape (N,) (2018, equation 5).
 
     Rounded weights need not sum to 1, and a sum that is not 1 shifts every mean by that part of
-    itself. So the last point takes what is left of 1, or point 0 where the last one cannot, or as
-    many from the last one on as it needs. Only where the format has no such numbers, as with
-    W0 = 1e-6 in bfloat16, does a part of the rounding error of the largest weight remain.
+    itself. So the others share what the rounded W0 leaves, and their rounding errors are made up
+    for by the points from the last one on, a unit in the last place each: in a single one they
+    would shift the mean of the sigma points towards that point. What is less than a unit goes to
+    point 0, whose weight is small then. So the sum is exactly 1.
     """
-    row = np.full(params.N, params.W1)
-    row[0] = params.W0
-    row = params.format.round(row)
+    fmt = params.format
+    W0 = Fraction(float(min(fmt.round(params.W0), 1.0 - fmt.epsilon / 2.0)))
+    row = fmt.round(np.array([float(W0)] + [float((1 - W0) / (params.M + 1))] * (params.M + 1)))
     left = 1 - sum(map(Fraction, row))
-    for points in ([params.N - 1], [0], range(params.N - 1, 0, -1)):
-        given, rest = row.copy(), left
-        for k in points:
-            weight = params.format.round(float(Fraction(row[k]) + rest))
-            if weight > 0:
-                given[k], rest = weight, rest + Fraction(row[k]) - Fraction(float(weight))
-        if not rest:
-            break
-    return given
+    given = True
+    while left and given:
+        given = False
+        for k in range(params.M + 1, 0, -1):
+            unit = Fraction(2) ** (frexp(row[k])[1] - 1 - fmt.fraction_bits)
+            weight = float(Fraction(row[k]) + (unit if left > 0 else -unit))
+            if abs(left) >= unit and weight >= fmt.min_normal:
+                row[k], left, given = weight, left + Fraction(row[k]) - Fraction(weight), True
+    row[0] = float(Fraction(row[0]) + left)
+    return row
 
 
 def _coefficients(params: UkfParams, j: int) -> NDArray[np.float64]:

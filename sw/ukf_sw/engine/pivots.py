@@ -17,15 +17,20 @@ def noise_exponent(params: UkfParams) -> int:
     Measured in binary32 with 2 to 23 observations and 1 to 15 states, for rows that depend on
     others and for noise that is a small part of H P H^T, 2 floor(log2 L) - floor(log2 d) is
 
-    =============  =============================  ===================================  ===
-    form           row depends on others          noise                                k
-    =============  =============================  ===================================  ===
-    square-root    at least 42                    at most 32 with 1e-10 of H P H^T      40
-    covariance     at least 20, or d is negative  at most 17 with 4e-6 of H P H^T       19
-    =============  =============================  ===================================  ===
+    ===========  ================================  ==================================  ===
+    form         row depends on others             noise                               k
+    ===========  ================================  ==================================  ===
+    square-root  mostly at least 42                at most 32 with 1e-10 of H P H^T     36
+    covariance   mostly at least 20, or negative   at most 17 with 4e-6 of H P H^T      18
+    ===========  ================================  ==================================  ===
+
+    Mostly: where a row before it was itself left small, its rounding errors are larger. Of 600
+    random H with more rows than states and R = 0, 3 pass for regular in the square-root form, as
+    many as in the float64 reference. In the covariance form none does, but in 16 the negative pivot
+    that rounding leaves is met in a row of the state.
     """
     precision = params.format.precision
     if params.form is Form.SQUARE_ROOT:
         # The inner product of a residual row with itself: the rounding errors are squared too.
-        return 2 * precision - 8
-    return max(precision - params.N.bit_length() - 1, 2)
+        return 2 * precision - 8 - precision // 6
+    return max(precision - params.N.bit_length() - 2, 2)

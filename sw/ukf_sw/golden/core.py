@@ -73,8 +73,8 @@ _STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
 
 #: What a write to CONTROL may change.
 _CHANGING = (
-    "_step", "_program", "_sensor", "_step_mask", "_done", "_error_code", "_error_index", "_gated", "_cycles",
-    "_nis", "_interrupt_pending", "flags", "banks",
+    "_step", "_program", "_sensor", "_step_mask", "_done", "_error_code", "_error_index", "_gated",
+    "_cycles", "_nis", "_interrupt_pending", "flags", "banks",
 )  # fmt: skip
 _what_changes = attrgetter(*_CHANGING)
 
@@ -351,8 +351,9 @@ class GoldenCore:
         way = find_way(starts[0], self.flags)
         enabled = self._words[CONTROL] & _ENABLE
         sensor = CONTROL["SENSOR"].get(actions) if starts[0] is Step.UPDATE else 0
-        there = way is not None and sensor < len(self.params.sensor_rows)
-        if len(starts) == 1 and enabled and not self.busy and there:
+        is_there = sensor < len(self.params.sensor_rows)
+        legal = len(starts) == 1 and enabled and not self.busy and is_there
+        if legal and way is not None:
             self._start(starts[0], way.program, sensor)
         else:
             self._error_code, self._error_index = int(ErrorCode.ILLEGAL_STEP), 0
