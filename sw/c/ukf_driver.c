@@ -78,6 +78,54 @@ static enum ukf_result judged(struct ukf_driver *driver, enum ukf_result result)
     return result;
 }
 
+/* Sensors. */
+
+/** As many of the lowest bits as there are rows. */
+static uint32_t bits_of_rows(uint32_t rows)
+{
+    return rows < UKF_MAX_SIZE ? (UINT32_C(1) << rows) - 1u : UINT32_MAX;
+}
+
+uint32_t ukf_core_sensors(const struct ukf_core *core)
+{
+    uint32_t count = 0;
+
+    for (uint32_t i = 0; i < UKF_MAX_SIZE; i++) {
+        count += core->sensors >> i & 1u;
+    }
+    return count;
+}
+
+struct ukf_range ukf_core_rows(const struct ukf_core *core, uint32_t sensor)
+{
+    struct ukf_range rows = {.first = 0u, .count = 0u};
+    uint32_t begun = 0;
+
+    for (uint32_t i = 0; i < core->m; i++) {
+        begun += core->sensors >> i & 1u;
+        if (begun == sensor + 1u) {
+            rows.first = rows.count == 0u ? i : rows.first;
+            rows.count++;
+        }
+    }
+    return rows;
+}
+
+uint32_t ukf_core_noise_columns(const struct ukf_core *core)
+{
+    uint32_t columns = 0;
+
+    if (core->additive_r == 0u || core->r == 0u) {
+        return core->r;
+    }
+    for (uint32_t sensor = 0; sensor < ukf_core_sensors(core); sensor++) {
+        const uint32_t rows = ukf_core_rows(core, sensor).count;
+
+        columns = rows > columns ? rows : columns;
+    }
+    return columns;
+}
+
 /* Accesses. */
 
 static enum ukf_result refused(struct ukf_driver *driver, uint32_t address)
@@ -167,6 +215,12 @@ static bool is_double(const struct ukf_driver *driver)
     return driver->core->fraction_bits == BINARY64_FRACTION;
 }
 
+/** The word of a number, of 32 or 64 bits. */
+static uint64_t to_word(const struct ukf_driver *driver, ukf_real value)
+{
+    return is_double(driver) ? to_binary64((double)value) : to_binary32((double)value);
+}
+
 ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value)
 {
     return (ukf_real)(is_double(driver) ? from_binary64(to_binary64((double)value))
@@ -197,15 +251,11 @@ static enum ukf_result get_number(struct ukf_driver *driver, uint32_t address, u
 
 static enum ukf_result put_number(struct ukf_driver *driver, uint32_t address, ukf_real value)
 {
-    enum ukf_result result;
-    uint64_t word;
+    const uint64_t word = to_word(driver, value);
+    const enum ukf_result result = put(driver, address, (uint32_t)word);
 
-    if (!is_double(driver)) {
-        return put(driver, address, to_binary32((double)value));
-    }
-    word = to_binary64((double)value);
-    result = put(driver, address, (uint32_t)word);
-    return result == UKF_OK ? put(driver, address + 4u, (uint32_t)(word >> 32)) : result;
+    return result == UKF_OK && is_double(driver) ? put(driver, address + 4u, (uint32_t)(word >> 32))
+                                                 : result;
 }
 
 enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32_t rows,
@@ -254,6 +304,35 @@ enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint3
     return UKF_OK;
 }
 
+static bool same_words(const struct ukf_driver *driver, const ukf_real *values,
+                       const ukf_real *others, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        if (to_word(driver, values[i]) != to_word(driver, others[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+enum ukf_result ukf_driver_rewrite(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                   uint32_t columns, const ukf_real *values,
+                                   const ukf_real *before)
+{
+    /* Of no rows: what writing to the region does, also if nothing is left to write. */
+    enum ukf_result result = ukf_driver_write(driver, base, 0u, columns, columns, values);
+
+    for (uint32_t i = 0; result == UKF_OK && i < rows; i++) {
+        const uint32_t place = i * columns;
+
+        if (before == NULL || !same_words(driver, &values[place], &before[place], columns)) {
+            result = ukf_driver_write(driver, base + i * driver->core->row_stride, 1u, columns,
+                                      columns, &values[place]);
+        }
+    }
+    return result;
+}
+
 /* What the core is. */
 
 static bool in_range(uint32_t value, uint32_t least, uint32_t most)
@@ -272,7 +351,9 @@ static bool is_supported(const struct ukf_core *core)
 
     return (single || twice) && in_range(core->n, 1u, UKF_MAX_SIZE) &&
            in_range(core->m, 1u, UKF_MAX_SIZE) && core->q <= UKF_MAX_SIZE &&
-           core->r <= UKF_MAX_SIZE && core->points == length + 2u;
+           core->r <= UKF_MAX_SIZE && core->points == length + 2u &&
+           (core->additive_r == 0u || core->r == 0u || core->r == core->m) &&
+           (core->sensors & 1u) != 0u && (core->sensors & ~bits_of_rows(core->m)) == 0u;
 }
 
 /** A field that the core must have. */
@@ -291,6 +372,7 @@ struct field {
 #define WRONG_CONFIG UKF_WRONG_FORMAT
 #define WRONG_W0_LOW UKF_WRONG_FORMAT
 #define WRONG_W0_HIGH UKF_WRONG_FORMAT
+#define WRONG_SENSORS UKF_WRONG_SIZES
 
 static enum ukf_result check_core(struct ukf_driver *driver)
 {
@@ -415,13 +497,15 @@ static uint32_t bit_of(uint32_t step)
 }
 
 /** Start a step and see how it ends: STATUS, and ERROR.CODE as a result. */
-static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
+                                      uint32_t *status)
 {
     enum ukf_result result;
     uint32_t error;
     uint32_t code;
 
-    result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | bit_of(step));
+    result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | bit_of(step) |
+                                                 sensor << UKF_CONTROL_SENSOR_SHIFT);
     if (result == UKF_OK) {
         result = wait_for(driver, driver->port->wait != NULL, status);
     }
@@ -453,8 +537,9 @@ static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, 
     return code < UKF_FIRST_OWN_RESULT ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
 }
 
-/** Run a step. */
-static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+/** Run a step; which sensor's matters to UPDATE only. */
+static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
+                           uint32_t *status)
 {
     enum ukf_result result = ukf_driver_check(driver);
 
@@ -462,7 +547,7 @@ static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t *s
         return result;
     }
     driver->step = step;
-    result = judged(driver, start_and_wait(driver, step, status));
+    result = judged(driver, start_and_wait(driver, step, sensor, status));
     /* A step that is illegal has not begun; but PREDICT has its points overwritten before. */
     if (!driver->doubtful || (result == UKF_ILLEGAL_STEP && step != UKF_STEP_PREDICT)) {
         driver->step = UKF_STEP_IDLE;
@@ -476,7 +561,7 @@ enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
     uint32_t status;
 
     if (!driver->initialised) {
-        result = run(driver, UKF_STEP_INIT, &status);
+        result = run(driver, UKF_STEP_INIT, 0u, &status);
         driver->initialised = result == UKF_OK;
     }
     return result;
@@ -489,7 +574,7 @@ enum ukf_result ukf_driver_generate(struct ukf_driver *driver)
 
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_SIG_GEN, &status);
+        result = run(driver, UKF_STEP_SIG_GEN, 0u, &status);
     }
     driver->predicted = driver->predicted && result != UKF_OK;
     return result;
@@ -513,7 +598,7 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *be
     result = ukf_driver_write(driver, core->state_points, core->n, core->points, core->points,
                               points);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_PREDICT, &status);
+        result = run(driver, UKF_STEP_PREDICT, 0u, &status);
     }
     if (is_refusal(result)) {
         driver->predicted = false;
@@ -524,28 +609,53 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *be
     return result;
 }
 
-enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *points,
-                                  const ukf_real *z, uint32_t mask, ukf_real *nis, bool *gated)
+/** Write MASK with other bits for the rows of a sensor; those of the others stay. */
+static enum ukf_result put_mask(struct ukf_driver *driver, struct ukf_range rows, uint32_t mask)
 {
-    const struct ukf_core *core = driver->core;
-    enum ukf_result result;
-    uint32_t status;
+    const uint32_t before = driver->mask_known ? driver->mask : bits_of_rows(driver->core->m);
+    const uint32_t own = bits_of_rows(rows.count);
+    const uint32_t bits = (before & ~(own << rows.first)) | (mask & own) << rows.first;
+    enum ukf_result result = UKF_OK;
 
-    result = ukf_driver_initialise(driver);
-    if (result == UKF_OK) {
-        result = ukf_driver_write(driver, core->observation_points, core->m, core->points,
-                                  core->points, points);
-    }
-    if (result == UKF_OK) {
-        result = ukf_driver_write(driver, core->observation, core->m, 1u, 1u, z);
-    }
-    if (result == UKF_OK && !(driver->mask_known && driver->mask == mask)) {
-        result = put(driver, UKF_MASK_OFFSET, mask);
-        driver->mask = mask;
+    if (!driver->mask_known || bits != before) {
+        result = put(driver, UKF_MASK_OFFSET, bits);
+        driver->mask = bits;
         driver->mask_known = result == UKF_OK;
     }
+    return result;
+}
+
+enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
+                                  const ukf_real *points, const ukf_real *z, uint32_t mask,
+                                  ukf_real *nis, bool *gated)
+{
+    enum ukf_result result = ukf_driver_check(driver);
+    const struct ukf_core *core = driver->core;
+    struct ukf_range rows;
+    uint32_t offset;
+    uint32_t status;
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    rows = ukf_core_rows(core, sensor);
+    if (rows.count == 0u) {
+        return UKF_BAD_ARGUMENT;
+    }
+    offset = rows.first * core->row_stride;
+    result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_UPDATE, &status);
+        result = ukf_driver_write(driver, core->observation_points + offset, rows.count,
+                                  core->points, core->points, points);
+    }
+    if (result == UKF_OK) {
+        result = ukf_driver_write(driver, core->observation + offset, rows.count, 1u, 1u, z);
+    }
+    if (result == UKF_OK) {
+        result = put_mask(driver, rows, mask);
+    }
+    if (result == UKF_OK) {
+        result = run(driver, UKF_STEP_UPDATE, sensor, &status);
     }
     if (result != UKF_OK) {
         return result;
@@ -565,7 +675,7 @@ enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
 
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_COVARIANCE, &status);
+        result = run(driver, UKF_STEP_COVARIANCE, 0u, &status);
     }
     for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
         result = ukf_driver_read(driver, core->covariance + i * core->row_stride, 1u, i + 1u,

@@ -41,6 +41,7 @@ struct ukf_core {
     uint32_t additive_r;      /**< Observation noise is additive. */
     uint32_t w0_low;          /**< Weight of sigma point 0, a binary64 number. */
     uint32_t w0_high;
+    uint32_t sensors;         /**< Bit i: observation i is the first one of a sensor. */
     uint32_t points;          /**< Sigma points. */
     uint32_t element_bytes;   /**< Bytes of a number. */
     uint32_t row_stride;      /**< Bytes from a row to the next. */
@@ -55,6 +56,12 @@ struct ukf_core {
     uint32_t covariance;
     uint32_t process_noise_factor;
     uint32_t observation_noise_factor;
+};
+
+/** Rows that belong together, as those of a sensor. */
+struct ukf_range {
+    uint32_t first;
+    uint32_t count;
 };
 
 /** A time-out for steps, in microseconds: most take some thousand clocks, but Linux has more to do. */
@@ -81,14 +88,14 @@ enum ukf_result {
     UKF_OK = 0,
     UKF_ILLEGAL_STEP = 1,          /**< A step was started out of sequence. */
     UKF_NOT_FINITE = 2,            /**< NaN, infinity or overflow; the estimate stays. */
-    UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of z; it stays. */
+    UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of all of z; it stays. */
     UKF_NOT_POSITIVE_DEFINITE = 4, /**< P is not, at fault.index, a row of x; it stays. */
     UKF_UNKNOWN_ERROR = UKF_FIRST_OWN_RESULT, /**< fault.code is 64 or more, which no core has. */
     UKF_TIMEOUT,        /**< The step did not end in time; it may end later. */
     UKF_STEP_LOST,      /**< Something else reset the core while the step ran. */
     UKF_BUS_ERROR,      /**< The core refused the access at fault.address. */
     UKF_WRONG_ID,       /**< ID is not that of a UKF core, or of another version of the map. */
-    UKF_WRONG_SIZES,    /**< n, m, q or r are others. */
+    UKF_WRONG_SIZES,    /**< n, m, q, r or the rows of the sensors are others. */
     UKF_WRONG_FORMAT,   /**< Number format, form, kinds of noise or W0 are others. */
     UKF_BAD_ARGUMENT,   /**< An argument is out of range, not finite, or no covariance. */
     UKF_BAD_MODEL,      /**< A model failed or was not finite: fault.point, fault.index. */
@@ -107,7 +114,11 @@ const char *ukf_result_name(enum ukf_result result);
 struct ukf_fault {
     uint32_t step;     /**< UKF_STEP_... */
     uint32_t code;     /**< ERROR.CODE. */
-    uint32_t index;    /**< ERROR.INDEX; row of the result for UKF_BAD_MODEL. */
+    /**
+     * ERROR.INDEX, a row of x or of the z of all sensors, whichever was updated; for UKF_BAD_MODEL a
+     * row of what the model gave.
+     */
+    uint32_t index;
     uint32_t state;    /**< STATUS.STATE when a step was given up: UKF_STEP_... */
     uint32_t address;  /**< Byte address, of the access or of the register that is wrong. */
     uint32_t expected; /**< Value of the field that is wrong. */
@@ -126,7 +137,7 @@ struct ukf_driver {
     bool doubtful;          /**< An error has left open what the core holds. */
     bool initialised;       /**< INIT has succeeded since the last reset. */
     bool mask_known;
-    uint32_t mask;          /**< What MASK holds, if that is known. */
+    uint32_t mask;          /**< What MASK holds, if that is known; a bit for each row of all of z. */
     uint32_t step;          /**< The step that may have been started and may have ended. */
     bool dropping;          /**< That step has been reset, unless it had ended just before. */
     /**
@@ -136,6 +147,15 @@ struct ukf_driver {
     bool predicted;
     ukf_real before[UKF_MAX_SIZE];
 };
+
+/** @brief Number of sensors of a core. */
+uint32_t ukf_core_sensors(const struct ukf_core *core);
+
+/** @brief Rows of z that belong to a sensor, from 0; none if the core does not have it. */
+struct ukf_range ukf_core_rows(const struct ukf_core *core, uint32_t sensor);
+
+/** @brief Columns of the factor of R in the core: those of additive noise are shared by the sensors. */
+uint32_t ukf_core_noise_columns(const struct ukf_core *core);
 
 /**
  * @brief Compare the core with its description, then reset and enable it.
@@ -201,15 +221,18 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *be
                                    ukf_real *points);
 
 /**
- * @brief Write observations of the sigma points and z, and run UPDATE.
- * @param points m rows of `core->points` numbers.
- * @param z      m numbers.
- * @param mask   Bit i takes observation i.
+ * @brief Write what a sensor sees of the sigma points, and its z, and run its UPDATE.
+ * @param sensor Its number, from 0.
+ * @param points Its rows, of `core->points` numbers each.
+ * @param z      A number for each of its rows.
+ * @param mask   Bit i takes its row i.
  * @param nis    Normalised innovation squared.
  * @param gated  Whether it exceeded the gate, so that the estimate stays.
+ * @return UKF_BAD_ARGUMENT if there is no such sensor.
  */
-enum ukf_result ukf_driver_update(struct ukf_driver *driver, const ukf_real *points,
-                                  const ukf_real *z, uint32_t mask, ukf_real *nis, bool *gated);
+enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
+                                  const ukf_real *points, const ukf_real *z, uint32_t mask,
+                                  ukf_real *nis, bool *gated);
 
 /** @brief Run COVARIANCE and read P, n by n: its lower triangle, mirrored. */
 enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P);
@@ -238,6 +261,17 @@ enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32
  */
 enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
                                  uint32_t columns, uint32_t stride, const ukf_real *values);
+
+/**
+ * @brief Write the rows of a whole region that differ from what it holds, as words.
+ *
+ * Arguments as ukf_driver_write(), and
+ *
+ * @param before What the region holds; NULL if that is not known, then all rows are written.
+ */
+enum ukf_result ukf_driver_rewrite(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                   uint32_t columns, const ukf_real *values,
+                                   const ukf_real *before);
 
 /** @brief The number as the core of a format holds it. */
 ukf_real ukf_driver_round(const struct ukf_driver *driver, ukf_real value);

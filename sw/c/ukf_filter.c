@@ -11,10 +11,48 @@
 /** Elements (i, j) and (j, i) of a covariance must agree to this part of sqrt(a_ii a_jj), or better. */
 #define ASYMMETRY 1e-9
 
-/** Numbers of the factors of Q and R. */
+/** Numbers of the factors of Q and R, as the core has them. */
 static uint32_t noise_length(const struct ukf_core *core)
 {
-    return core->q * core->q + core->r * core->r;
+    return core->q * core->q + core->r * ukf_core_noise_columns(core);
+}
+
+/** Noise terms of a sensor, which are rows of V and of R. */
+static struct ukf_range terms_of(const struct ukf_core *core, const struct ukf_models *models,
+                                 uint32_t sensor)
+{
+    struct ukf_range terms = {.first = 0u, .count = 0u};
+
+    if (core->r == 0u) {
+        return terms;
+    }
+    if (core->additive_r != 0u) {
+        return ukf_core_rows(core, sensor);
+    }
+    for (uint32_t i = 0; i < sensor; i++) {
+        terms.first += models->sensors[i].terms;
+    }
+    terms.count = models->sensors[sensor].terms;
+    return terms;
+}
+
+/** Whether all models are there, and the sensors have the noise terms of the core. */
+static bool are_complete(const struct ukf_core *core, const struct ukf_models *models)
+{
+    uint32_t terms = 0;
+
+    if (models == NULL || models->process == NULL || models->sensors == NULL) {
+        return false;
+    }
+    for (uint32_t sensor = 0; sensor < ukf_core_sensors(core); sensor++) {
+        const uint32_t own = models->sensors[sensor].terms;
+
+        if (models->sensors[sensor].observe == NULL || own > UKF_MAX_SIZE) {
+            return false;
+        }
+        terms += own;
+    }
+    return core->additive_r != 0u || terms == core->r;
 }
 
 enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const struct ukf_port *port,
@@ -29,8 +67,7 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
         .nis = (ukf_real)NAN,
         .gate = (ukf_real)INFINITY,
     };
-    if (core == NULL || models == NULL || models->process == NULL || models->observe == NULL ||
-        options == NULL || work == NULL ||
+    if (core == NULL || !are_complete(core, models) || options == NULL || work == NULL ||
         length < UKF_WORK_LENGTH(core->n, core->m, core->q, core->r, core->points)) {
         return UKF_BAD_ARGUMENT;
     }
@@ -114,15 +151,78 @@ static enum ukf_result factor_P(const struct ukf *ukf, const ukf_real *P, ukf_re
     return factor(ukf, ukf->driver.core->n, P, ukf->driver.core->covariance_form != 0u, B);
 }
 
+/** Sensor that a noise term belongs to. */
+static uint32_t sensor_of(const struct ukf *ukf, uint32_t term)
+{
+    uint32_t sensor = 0;
+
+    for (uint32_t past = 0; sensor + 1u < ukf_core_sensors(ukf->driver.core); sensor++) {
+        past += terms_of(ukf->driver.core, ukf->models, sensor).count;
+        if (term < past) {
+            break;
+        }
+    }
+    return sensor;
+}
+
+/** Factor of R, r by r; UKF_BAD_ARGUMENT also if it is not zero between sensors. */
+static enum ukf_result factor_R(const struct ukf *ukf, const ukf_real *R, ukf_real *B)
+{
+    const uint32_t r = ukf->driver.core->r;
+    const enum ukf_result result = factor(ukf, r, R, false, B);
+
+    for (uint32_t i = 0; result == UKF_OK && i < r; i++) {
+        for (uint32_t j = 0; j < r; j++) {
+            if (R[i * r + j] != 0 && sensor_of(ukf, i) != sensor_of(ukf, j)) {
+                return UKF_BAD_ARGUMENT;
+            }
+        }
+    }
+    return result;
+}
+
+/** The factor of R within next_noise. */
+static ukf_real *next_R(const struct ukf *ukf)
+{
+    return ukf->next_noise + ukf->driver.core->q * ukf->driver.core->q;
+}
+
+/**
+ * Put the factor of a sensor's R into next_noise, beside zeros: where its noise terms are; or from
+ * column 0 on if they are additive, as the core has it then.
+ */
+static void place_factor(const struct ukf *ukf, struct ukf_range terms, const ukf_real *B,
+                         uint32_t stride)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    const uint32_t columns = ukf_core_noise_columns(core);
+    const uint32_t left = core->additive_r != 0u ? 0u : terms.first;
+
+    for (uint32_t i = 0; i < terms.count; i++) {
+        ukf_real *row = next_R(ukf) + (terms.first + i) * columns;
+
+        for (uint32_t j = 0; j < columns; j++) {
+            row[j] = 0;
+        }
+        memcpy(row + left, B + i * stride, terms.count * sizeof *B);
+    }
+}
+
 /** Factors of Q and R into next_noise. */
 static enum ukf_result factor_noise(const struct ukf *ukf, const ukf_real *Q, const ukf_real *R)
 {
     const struct ukf_core *core = ukf->driver.core;
-    const enum ukf_result result = factor(ukf, core->q, Q, false, ukf->next_noise);
+    enum ukf_result result = factor(ukf, core->q, Q, false, ukf->next_noise);
 
-    return result == UKF_OK
-               ? factor(ukf, core->r, R, false, ukf->next_noise + core->q * core->q)
-               : result;
+    if (result == UKF_OK) {
+        result = factor_R(ukf, R, ukf->scratch);
+    }
+    for (uint32_t sensor = 0; result == UKF_OK && sensor < ukf_core_sensors(core); sensor++) {
+        const struct ukf_range terms = terms_of(core, ukf->models, sensor);
+
+        place_factor(ukf, terms, ukf->scratch + terms.first * (core->r + 1u), core->r);
+    }
+    return result;
 }
 
 /* Noise. */
@@ -150,16 +250,31 @@ static enum ukf_result fetch_noises(struct ukf *ukf)
                             : result;
 }
 
-/** Write factors of Q and R. */
-static enum ukf_result write_noises(struct ukf *ukf, const ukf_real *factors)
+/** Write factors of Q and R; of those that are there, `before`, only the rows that differ. */
+static enum ukf_result write_noises(struct ukf *ukf, const ukf_real *factors,
+                                    const ukf_real *before)
 {
     const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = ukf_driver_write(&ukf->driver, core->process_noise_factor, core->q,
-                                              core->q, core->q, factors);
+    const uint32_t offset = core->q * core->q;
+    enum ukf_result result;
 
-    return result == UKF_OK ? ukf_driver_write(&ukf->driver, core->observation_noise_factor, core->r,
-                                               core->r, core->r, factors + core->q * core->q)
-                            : result;
+    ukf->noise_written = false;
+    result = ukf_driver_rewrite(&ukf->driver, core->process_noise_factor, core->q, core->q, factors,
+                                before);
+    return result == UKF_OK
+               ? ukf_driver_rewrite(&ukf->driver, core->observation_noise_factor, core->r,
+                                    ukf_core_noise_columns(core), factors + offset,
+                                    before != NULL ? before + offset : NULL)
+               : result;
+}
+
+/** Write next_noise, and run INIT. */
+static enum ukf_result write_next_noise(struct ukf *ukf)
+{
+    const enum ukf_result result =
+        write_noises(ukf, ukf->next_noise, ukf->noise_written ? ukf->noise : NULL);
+
+    return result == UKF_OK ? ukf_driver_initialise(&ukf->driver) : result;
 }
 
 /** Take next_noise, which is in the core, into use. */
@@ -168,6 +283,7 @@ static enum ukf_result use_next_noise(struct ukf *ukf)
     enum ukf_result result;
 
     memcpy(ukf->noise, ukf->next_noise, noise_length(ukf->driver.core) * sizeof *ukf->noise);
+    ukf->noise_written = true;
     result = fetch_noises(ukf);
     ukf->driver.doubtful = result != UKF_OK;
     return result;
@@ -176,8 +292,9 @@ static enum ukf_result use_next_noise(struct ukf *ukf)
 /** Write the factors in use, and run INIT. */
 static enum ukf_result write_old_noise(struct ukf *ukf)
 {
-    const enum ukf_result result = write_noises(ukf, ukf->noise);
+    const enum ukf_result result = write_noises(ukf, ukf->noise, NULL);
 
+    ukf->noise_written = result == UKF_OK;
     return result == UKF_OK ? ukf_driver_initialise(&ukf->driver) : result;
 }
 
@@ -238,11 +355,7 @@ static enum ukf_result send_noise(struct ukf *ukf)
     if (result != UKF_OK) {
         return result;
     }
-    result = write_noises(ukf, ukf->next_noise);
-    if (result == UKF_OK) {
-        result = ukf_driver_initialise(&ukf->driver);
-    }
-    result = back_out(ukf, result, write_old_noise);
+    result = back_out(ukf, write_next_noise(ukf), write_old_noise);
     return result == UKF_OK ? use_next_noise(ukf) : result;
 }
 
@@ -259,10 +372,7 @@ static enum ukf_result send_all(struct ukf *ukf)
         result = send_factor(ukf);
     }
     if (result == UKF_OK) {
-        result = write_noises(ukf, ukf->next_noise);
-    }
-    if (result == UKF_OK) {
-        result = ukf_driver_initialise(&ukf->driver);
+        result = write_next_noise(ukf);
     }
     if (result == UKF_OK) {
         result = send_gate(ukf);
@@ -323,7 +433,7 @@ enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P,
     }
     result = factor(ukf, core->q, Q, false, ukf->scratch);
     if (result == UKF_OK) {
-        result = factor(ukf, core->r, R, false, ukf->scratch);
+        result = factor_R(ukf, R, ukf->scratch);
     }
     if (result == UKF_OK) {
         result = factor_P(ukf, P, ukf->scratch);
@@ -384,6 +494,28 @@ enum ukf_result ukf_set_noise(struct ukf *ukf, const ukf_real *Q, const ukf_real
         result = factor_noise(ukf, Q, R);
     }
     return result == UKF_OK ? assign(ukf, send_noise) : result;
+}
+
+enum ukf_result ukf_set_sensor_noise(struct ukf *ukf, uint32_t sensor, const ukf_real *R)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    enum ukf_result result = ready(ukf);
+    struct ukf_range terms;
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (sensor >= ukf_core_sensors(core)) {
+        return UKF_BAD_ARGUMENT;
+    }
+    terms = terms_of(core, ukf->models, sensor);
+    result = factor(ukf, terms.count, R, false, ukf->scratch);
+    if (result != UKF_OK) {
+        return result;
+    }
+    memcpy(ukf->next_noise, ukf->noise, noise_length(core) * sizeof *ukf->noise);
+    place_factor(ukf, terms, ukf->scratch, terms.count);
+    return assign(ukf, send_noise);
 }
 
 enum ukf_result ukf_set_gate(struct ukf *ukf, ukf_real gate)
@@ -526,7 +658,7 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     return result == UKF_OK && ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : result;
 }
 
-enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
+enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask)
 {
     const struct ukf_core *core = ukf->driver.core;
     const struct ukf_models *models = ukf->models;
@@ -534,16 +666,27 @@ enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
     ukf_real v[UKF_MAX_SIZE];
     ukf_real observation[UKF_MAX_SIZE];
     enum ukf_result result = ready(ukf);
+    const struct ukf_sensor *own;
+    struct ukf_range terms;
+    uint32_t rows;
     uint32_t used;
+    uint32_t angles;
 
     if (result != UKF_OK) {
         return result;
     }
-    used = mask & (UKF_ALL >> (UKF_MAX_SIZE - core->m));
+    if (sensor >= ukf_core_sensors(core)) {
+        return UKF_BAD_ARGUMENT;
+    }
+    own = &models->sensors[sensor];
+    terms = terms_of(core, models, sensor);
+    rows = ukf_core_rows(core, sensor).count;
+    used = mask & (UKF_ALL >> (UKF_MAX_SIZE - rows));
+    angles = own->angles & used;
     if (used == 0u) {
         return UKF_OK;
     }
-    for (uint32_t i = 0; i < core->m; i++) {
+    for (uint32_t i = 0; i < rows; i++) {
         if ((used >> i & 1u) != 0u && !ukf_is_finite((double)z[i])) {
             return UKF_BAD_ARGUMENT;
         }
@@ -553,22 +696,23 @@ enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
     }
     for (uint32_t k = 0; result == UKF_OK && k < core->points; k++) {
         get_column(ukf->X, core->n, core->points, k, x);
-        get_column(ukf->V, core->r, core->points, k, v);
-        result = check_result(ukf, models->observe(models->context, x, v, observation),
-                              observation, core->m, used, k);
-        put_column(ukf->Z, core->m, core->points, k, observation);
+        get_column(ukf->V + terms.first * core->points, terms.count, core->points, k, v);
+        result = check_result(ukf, own->observe(models->context, x, v, observation), observation,
+                              rows, used, k);
+        put_column(ukf->Z, rows, core->points, k, observation);
     }
     if (result != UKF_OK) {
         return result;
     }
-    wrap_rows(ukf->Z, core->m, core->points, models->observation_angles & used);
-    for (uint32_t i = 0; i < core->m; i++) {
+    wrap_rows(ukf->Z, rows, core->points, angles);
+    for (uint32_t i = 0; i < rows; i++) {
         observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
-        if ((models->observation_angles & used) >> i & 1u) {
+        if ((angles >> i & 1u) != 0u) {
             observation[i] = wrap(observation[i], ukf->Z[i * core->points]);
         }
     }
-    result = ukf_driver_update(&ukf->driver, ukf->Z, observation, used, &ukf->nis, &ukf->gated);
+    result = ukf_driver_update(&ukf->driver, sensor, ukf->Z, observation, used, &ukf->nis,
+                               &ukf->gated);
     if (result == UKF_OK && !ukf->gated) {
         ukf->transformed = false;
     }

@@ -16,7 +16,7 @@
  * while (result == UKF_OK) {
  *     result = ukf_predict(&ukf, &input);
  *     if (result == UKF_OK) {
- *         result = ukf_update(&ukf, z, UKF_ALL);
+ *         result = ukf_update(&ukf, 0u, z, UKF_ALL);
  *     }
  *     if (result == UKF_OK) {
  *         result = ukf_state(&ukf, x);
@@ -26,6 +26,9 @@
  *     }
  * }
  * @endcode
+ *
+ * With several sensors each update is of one of them, by its number, from 0: the order of its rows
+ * in the core.
  *
  * The sizes are those of the struct ukf_core that is given, at run time, so one object code serves
  * any number of cores. All memory is that of struct ukf and of the caller's `work`.
@@ -55,7 +58,7 @@ extern "C" {
 /** The larger one of two numbers without side effects. */
 #define UKF_LARGER(a, b) ((a) > (b) ? (a) : (b))
 
-/** Mask that takes all observations. */
+/** Mask that takes all observations of a sensor. */
 #define UKF_ALL UINT32_C(0xFFFFFFFF)
 
 /**
@@ -71,23 +74,30 @@ typedef bool (*ukf_process_model)(void *context, const ukf_real *x, const ukf_re
                                   const void *input, ukf_real *next);
 
 /**
- * @brief Observation model: z = h(x, v).
+ * @brief Observation model of a sensor: z = h(x, v).
  * @param context From struct ukf_models.
  * @param x       State, n numbers.
- * @param v       Observation noise, r numbers; zeros if it is additive.
- * @param z       Observation, m numbers.
+ * @param v       The noise terms of this sensor; zeros if they are additive.
+ * @param z       Observation, as many numbers as the sensor has rows.
  * @return false if there is no result: the update then ends with UKF_BAD_MODEL.
  */
 typedef bool (*ukf_observation_model)(void *context, const ukf_real *x, const ukf_real *v,
                                       ukf_real *z);
 
+/** A sensor: what is observed together. Its number of rows is that of the core. */
+struct ukf_sensor {
+    ukf_observation_model observe;
+    /** Noise terms. With additive noise this does not matter: there is one for each row, or none. */
+    uint32_t terms;
+    uint32_t angles; /**< Bit i: its row i is an angle, in radians. */
+};
+
 /** The application. */
 struct ukf_models {
     void *context;
     ukf_process_model process;
-    ukf_observation_model observe;
-    uint32_t state_angles;       /**< Bit i: state i is an angle, in radians. */
-    uint32_t observation_angles; /**< Bit i: observation i is an angle, in radians. */
+    const struct ukf_sensor *sensors; /**< As many as the core has, in its order. */
+    uint32_t state_angles;            /**< Bit i: state i is an angle, in radians. */
 };
 
 /** How to run a filter. */
@@ -95,9 +105,9 @@ struct ukf_options {
     /** How long to wait for a step, in microseconds; more than 0. UKF_DEFAULT_TIMEOUT_US suits. */
     uint32_t timeout_us;
     /**
-     * Whether every predict ends with ukf_redraw(), as one step: it is done if both are. The predicted points do not have the spread of
-     * an additive process noise, so with such a noise this should be true, unless the noise of one
-     * step is small.
+     * Whether every predict ends with ukf_redraw(), as one step: it is done if both are. The predicted
+     * points do not have the spread of an additive process noise, so with such a noise this should be
+     * true, unless the noise of one step is small.
      */
     bool redraw;
 };
@@ -108,6 +118,7 @@ struct ukf {
     const struct ukf_models *models;
     bool started;
     bool redraw;
+    bool noise_written; /**< The core has the factors in `noise`. */
     bool transformed; /**< `X` holds points sent through f, which the next update may use. */
     bool gated;       /**< The last update was rejected: its NIS exceeded the gate. */
     ukf_real nis;     /**< NIS of the last update; NaN before, and after ukf_recover(). */
@@ -115,12 +126,12 @@ struct ukf {
     /** Sends what is assigned: again in ukf_recover(), if that broke off; NULL if nothing is. */
     enum ukf_result (*unfinished)(struct ukf *ukf);
     ukf_real *X;      /**< Sigma points of the state, n by points. */
-    ukf_real *Z;      /**< Observations of the sigma points, m by points. */
+    ukf_real *Z;      /**< What a sensor sees of them, up to m by points. */
     ukf_real *W;      /**< Sigma points of w, q by points. */
     ukf_real *V;      /**< Sigma points of v, r by points. */
     ukf_real *x;          /**< What is assigned: x, n numbers, */
     ukf_real *L;          /**< a factor of P, n by n, */
-    ukf_real *next_noise; /**< factors of Q and R, q by q and r by r. */
+    ukf_real *next_noise; /**< factors of Q and R, as the core has them. */
     ukf_real *noise;      /**< Factors of Q and R in use. */
     ukf_real *scratch;
 };
@@ -130,12 +141,13 @@ struct ukf {
  * @param ukf     To be filled in.
  * @param core    Sizes and addresses; must outlive the filter.
  * @param port    Way to it; must outlive the filter.
- * @param models  The application; must outlive the filter.
+ * @param models  The application, also its sensors; must outlive the filter.
  * @param options Options.
  * @param work    Memory of the filter.
  * @param length  Its numbers, UKF_WORK_LENGTH or more.
- * @return As ukf_driver_open(); UKF_BAD_ARGUMENT as well if a model is missing or `work` is short.
- *         After another result than UKF_OK all other functions return UKF_NOT_OPEN.
+ * @return As ukf_driver_open(); UKF_BAD_ARGUMENT as well if a model is missing, the sensors do not have
+ *         r noise terms together, or `work` is short. After another result than UKF_OK all other
+ *         functions return UKF_NOT_OPEN.
  */
 enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const struct ukf_port *port,
                          const struct ukf_models *models, const struct ukf_options *options,
@@ -147,10 +159,12 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
  * @param x   Estimate, n numbers.
  * @param P   Its covariance, n by n.
  * @param Q   Covariance of w, q by q; NULL if q is 0.
- * @param R   Covariance of v, r by r; NULL if r is 0.
- * @return UKF_BAD_ARGUMENT if a number is not finite, also in the format of the core, or a matrix not
- *         a covariance: the filter goes on as if not called. The errors of the core, also
- *         UKF_NOT_FINITE if Q or R is so large that INIT overflows, leave a doubt: start again.
+ * @param R   Covariance of v, r by r; NULL if r is 0. It has a block for each sensor on its diagonal,
+ *            in their order, and zeros beside them.
+ * @return UKF_BAD_ARGUMENT if a number is not finite, also in the format of the core, a matrix not
+ *         a covariance, or R not zero between sensors: the filter goes on as if not called. The
+ *         errors of the core, also UKF_NOT_FINITE if Q or R is so large that INIT overflows, leave a
+ *         doubt: start again.
  */
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,
                           const ukf_real *R);
@@ -162,14 +176,16 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input);
 enum ukf_result ukf_redraw(struct ukf *ukf);
 
 /**
- * @brief Correct the state with an observation.
- * @param ukf  The filter.
- * @param z    Observation, m numbers; those that were not sampled do not matter.
- * @param mask Bit i: observation i was sampled. If none was, nothing happens.
- * @return UKF_BAD_ARGUMENT if a sampled observation is not finite. UKF_OK also if the gate rejected
- *         the observation: then ukf->gated is true.
+ * @brief Correct the state with an observation of a sensor.
+ * @param ukf    The filter.
+ * @param sensor Its number, from 0.
+ * @param z      Observation, a number for each row of the sensor; those that were not sampled do not
+ *               matter.
+ * @param mask   Bit i: row i of the sensor was sampled. If none was, nothing happens.
+ * @return UKF_BAD_ARGUMENT if a sampled observation is not finite, or there is no such sensor. UKF_OK
+ *         also if the gate rejected the observation: then ukf->gated is true.
  */
-enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask);
+enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask);
 
 /** @brief Read the estimate, n numbers. */
 enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x);
@@ -186,8 +202,21 @@ enum ukf_result ukf_set_state(struct ukf *ukf, const ukf_real *x);
 /** @brief Replace P, n by n; x stays. */
 enum ukf_result ukf_set_covariance(struct ukf *ukf, const ukf_real *P);
 
-/** @brief Replace Q, q by q, and R, r by r; the estimate stays. It begins with ukf_redraw(). */
+/**
+ * @brief Replace Q, q by q, and R, r by r as for ukf_start(); the estimate stays.
+ *
+ * It begins with ukf_redraw(), and writes the rows of the factors that change.
+ */
 enum ukf_result ukf_set_noise(struct ukf *ukf, const ukf_real *Q, const ukf_real *R);
+
+/**
+ * @brief Replace the covariance of the noise of one sensor, as ukf_set_noise() does that of all.
+ * @param ukf    The filter.
+ * @param sensor Its number, from 0.
+ * @param R      As many rows and columns as it has noise terms; NULL if it has none.
+ * @return UKF_BAD_ARGUMENT also if there is no such sensor.
+ */
+enum ukf_result ukf_set_sensor_noise(struct ukf *ukf, uint32_t sensor, const ukf_real *R);
 
 /** @brief Reject updates with a NIS above the gate, at least 0; infinity, at first, is off. */
 enum ukf_result ukf_set_gate(struct ukf *ukf, ukf_real gate);

@@ -241,7 +241,8 @@ int main(void)
     static const struct ukf_core core = UKF_CORE_INITIALISER;
     static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
     const struct ukf_port port = {NULL, get, put, NULL, now};
-    const struct ukf_models models = {NULL, process, observe, 0u, 0u};
+    static const struct ukf_sensor sensor = {observe, UKF_R, 0u};
+    const struct ukf_models models = {NULL, process, &sensor, 0u};
     const struct ukf_options options = {1000u, false};
     struct ukf ukf;
     enum ukf_result result = ukf_open(&ukf, &core, &port, &models, &options, work,
@@ -285,6 +286,7 @@ def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path)
     assert found == bases | {
         "n": 7, "m": 6, "q": 7, "r": 6, "points": 22, "exponent_bits": 8, "fraction_bits": 23,
         "covariance_form": 0, "additive_q": 0, "additive_r": 0, "w0_low": 0, "w0_high": 0,
+        "sensors": 1,
         "element_bytes": memory_map.element_bytes, "row_stride": memory_map.row_stride,
     }  # fmt: skip
 

@@ -328,7 +328,8 @@ MUTANTS = [
     ),
     Mutant(
         "C filter: a noise that is refused stays", "sw/c/ukf_filter.c",
-        "result = back_out(ukf, result, write_old_noise);", "",
+        "result = back_out(ukf, write_next_noise(ukf), write_old_noise);",
+        "result = write_next_noise(ukf);",
         C_RECOVERY + "::test_a_noise_that_the_core_refuses_is_not_taken",
     ),
     Mutant(
@@ -392,7 +393,7 @@ MUTANTS = [
     ),
     Mutant(
         "C filter: angles of z are not wrapped", "sw/c/ukf_filter.c",
-        "if ((models->observation_angles & used) >> i & 1u) {", "if (i > UKF_MAX_SIZE) {",
+        "if ((angles >> i & 1u) != 0u) {", "if (i > UKF_MAX_SIZE) {",
         C_DRIVER,
     ),
     Mutant(

@@ -2,8 +2,9 @@
 
 import ctypes
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,14 @@ class _Port(ctypes.Structure):
     )  # fmt: skip
 
 
+class _Sensor(ctypes.Structure):
+    _fields_ = (("observe", OBSERVE), ("terms", WORD), ("angles", WORD))
+
+
 class _Models(ctypes.Structure):
     _fields_ = (
-        ("context", ctypes.c_void_p), ("process", PROCESS), ("observe", OBSERVE),
-        ("state_angles", WORD), ("observation_angles", WORD),
+        ("context", ctypes.c_void_p), ("process", PROCESS), ("sensors", ctypes.POINTER(_Sensor)),
+        ("state_angles", WORD),
     )  # fmt: skip
 
 
@@ -143,7 +148,8 @@ class CFilter:
     params
         What the library was compiled for.
     f, h
-        Models, one sigma point at a time, as :mod:`ukf_sw.models` has them.
+        Models, one sigma point at a time, as :mod:`ukf_sw.models` has them; several h for several
+        sensors.
     interrupt
         Function that waits for the interrupt, as for :class:`ukf_sw.drivers.driver.Driver`.
     timeout_us
@@ -153,7 +159,9 @@ class CFilter:
     redraw
         Whether every predict ends with a redraw.
     state_angles, observation_angles
-        Indices of angles.
+        Indices of angles, these of all rows.
+    terms
+        Noise terms of each sensor; None is as many as it has rows, or all of those of one sensor.
     short
         By how many numbers the work memory is too short, for tests.
     core
@@ -174,7 +182,7 @@ class CFilter:
         bus: Bus,
         params: UkfParams,
         f: Callable[..., ArrayLike],
-        h: Callable[..., ArrayLike],
+        h: Callable[..., ArrayLike] | Sequence[Callable[..., ArrayLike]],
         *,
         interrupt: Callable[[float], bool] | None = None,
         timeout_us: int = 1_000_000,
@@ -182,6 +190,7 @@ class CFilter:
         redraw: bool = False,
         state_angles: tuple[int, ...] = (),
         observation_angles: tuple[int, ...] = (),
+        terms: Sequence[int] | None = None,
         short: int = 0,
         core: ctypes.CDLL | None = None,
         opened: bool = True,
@@ -190,7 +199,7 @@ class CFilter:
         described = library if core is None else core
         self._params = params
         self._bus = bus
-        self._f, self._h = f, h
+        self._f = f
         self._input: Any = None
         self.exceptions: list[Exception] = []
         size = ctypes.c_size_t.in_dll(library, "binding_size").value
@@ -205,10 +214,21 @@ class CFilter:
             WAIT() if interrupt is None else WAIT(lambda _, left: interrupt(left * 1e-6)),
             NOW(lambda _: int(clock() * 1e6)),
         )
+        models = (h,) if callable(h) else tuple(h)
+        rows = [params.rows_of(sensor) for sensor in range(len(params.sensor_rows))]
+        if terms is None:
+            terms = (params.r,) if len(rows) == 1 else [len(own) for own in rows]
+        self._sensors = (_Sensor * len(rows))(*(
+            _Sensor(
+                OBSERVE() if model is None else OBSERVE(partial(self._observe, model, own_terms)),
+                own_terms,
+                sum(1 << i - own.start for i in observation_angles if i in own),
+            )
+            for model, own_terms, own in zip(models, terms, rows, strict=True)
+        ))  # fmt: skip
         self._models = _Models(
-            None, PROCESS(self._process), OBSERVE(self._observe),
-            sum(1 << i for i in state_angles), sum(1 << i for i in observation_angles),
-        )  # fmt: skip
+            None, PROCESS(self._process), self._sensors, sum(1 << i for i in state_angles)
+        )
         self._options = _Options(timeout_us, redraw)
         if opened:
             self.open()
@@ -238,9 +258,10 @@ class CFilter:
         p = self._params
         return self._model(lambda: self._f(x[: p.n], w[: p.q], self._input), following)
 
-    def _observe(self, _: Any, x: Any, v: Any, z: Any) -> bool:
-        p = self._params
-        return self._model(lambda: self._h(x[: p.n], v[: p.r]), z)
+    def _observe(
+        self, h: Callable[..., ArrayLike], terms: int, _: Any, x: Any, v: Any, z: Any
+    ) -> bool:
+        return self._model(lambda: h(x[: self._params.n], v[:terms]), z)
 
     def _model(self, model: Callable[[], ArrayLike], result: Any) -> bool:
         try:
@@ -327,10 +348,12 @@ class CFilter:
         """``ukf_redraw``."""
         self._call("ukf_redraw")
 
-    def update(self, z: ArrayLike, mask: NDArray[np.bool_] | None = None) -> bool:
+    def update(
+        self, z: ArrayLike, mask: NDArray[np.bool_] | None = None, *, sensor: int = 0
+    ) -> bool:
         """``ukf_update``; whether the estimate was corrected."""
         bits = 0xFFFF_FFFF if mask is None else sum(1 << int(i) for i in np.flatnonzero(mask))
-        self._call("ukf_update", self._numbers(z), WORD(bits))
+        self._call("ukf_update", WORD(sensor), self._numbers(z), WORD(bits))
         return bits != 0 and not self.gated
 
     def _outcome(self) -> tuple[float, bool]:
@@ -373,6 +396,10 @@ class CFilter:
     def set_noise(self, Q: ArrayLike | None, R: ArrayLike | None) -> None:
         """``ukf_set_noise``."""
         self._call("ukf_set_noise", self._numbers(Q), self._numbers(R))
+
+    def set_sensor_noise(self, sensor: int, R: ArrayLike | None) -> None:
+        """``ukf_set_sensor_noise``."""
+        self._call("ukf_set_sensor_noise", WORD(sensor), self._numbers(R))
 
     def set_gate(self, gate: float) -> None:
         """``ukf_set_gate``."""

@@ -12,10 +12,13 @@
 extern "C" {
 #endif
 
-/** A run. Step k predicts with input k and updates with measurement k. Matrices are row by row. */
+/**
+ * A run. Step k predicts with input k, then updates with every sensor of which something was sampled,
+ * in the order of their rows. Matrices are row by row.
+ */
 struct ukf_scenario {
     uint32_t n;        /**< States. */
-    uint32_t m;        /**< Observations. */
+    uint32_t m;        /**< Observations, of all sensors. */
     uint32_t q;        /**< Process noise terms. */
     uint32_t r;        /**< Observation noise terms. */
     uint32_t inputs;   /**< Numbers of an input. */
@@ -25,7 +28,7 @@ struct ukf_scenario {
     const double *x0;  /**< First estimate, n. */
     const double *P0;  /**< Its covariance, n by n. */
     const double *Q;   /**< Covariance of w, q by q. */
-    const double *R;   /**< Covariance of v, r by r. */
+    const double *R;   /**< Covariance of v, r by r: a block for each sensor. */
     const double *input;       /**< steps by inputs. */
     const double *measurement; /**< steps by m; 0 where not sampled. */
     const uint32_t *sampled;   /**< steps; bit i: observation i was sampled. */
@@ -33,9 +36,9 @@ struct ukf_scenario {
 
 /** What came of a step. */
 struct ukf_record {
-    double nis;      /**< Normalised innovation squared; NaN if nothing was sampled. */
+    double nis;      /**< Normalised innovation squared, of all sensors; NaN if nothing was sampled. */
     uint32_t result; /**< enum ukf_result. */
-    uint32_t gated;  /**< 1 if the update was rejected. */
+    uint32_t gated;  /**< 1 if an update was rejected. */
 };
 
 #ifdef __cplusplus

@@ -22,21 +22,23 @@ HEADER = "scenario_data.h"
 Array = NDArray[np.float64]
 
 
+def _samples(problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
+    """Observations of all sensors, one beside the other, and which were sampled, (K, m) each."""
+    observations, sampled = zip(
+        *(problem.samples(name) for name in problem.sensor_names), strict=True
+    )
+    return np.hstack(observations), np.hstack(sampled)
+
+
 def _tables(problem: Problem, steps: int) -> dict[str, Array]:
     """Numbers of a scenario by name, each of two dimensions."""
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    sensors = [problem.sensor(name) for name in problem.sensor_names]
-    if len(sensors) > 1:
-        raise ValueError(
-            f"sensors must be one for C programs, not {len(sensors)}: "
-            f"{', '.join(problem.sensor_names)}"
-        )
-    angles = problem.state_angles or sensors[0].angles
-    if data.observation_arguments is not None or angles:
+    angles = [problem.state_angles, *(problem.sensor(name).angles for name in problem.sensor_names)]
+    if data.observation_arguments is not None or any(angles):
         raise ValueError(f"scenario must have numbers only, no angles, not {problem.name!r}")
-    observations, sampled = problem.samples()
+    observations, sampled = _samples(problem)
     measurements = np.where(sampled, observations, 0.0)[:steps]
     inputs = np.zeros((steps, 0)) if data.inputs is None else data.inputs[:steps]
     return {
@@ -51,7 +53,7 @@ def _tables(problem: Problem, steps: int) -> dict[str, Array]:
 
 def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
     """Masks of the samples, a word each."""
-    _, sampled = problem.samples()
+    _, sampled = _samples(problem)
     bits = 1 << np.arange(problem.params.m, dtype=np.uint64)
     return (sampled[:steps] @ bits).astype(np.uint32)
 
@@ -133,8 +135,8 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Parameters
     ----------
     problem
-        The problem with its data, of one sensor, sampled at equal intervals. Its inputs are
-        vectors, if it has any.
+        The problem with its data, at equal intervals. Its inputs are vectors, if it has any.
+        Measurements and masks are of all its sensors, in the order of their rows.
     steps
         How many of its steps.
     output
@@ -148,7 +150,7 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If there are not that many steps, or the problem has several sensors or more than numbers.
+        If there are not that many steps, or the problem has more than numbers.
     """
     contents = {
         BINARY: _binary(problem, steps),
@@ -169,11 +171,11 @@ class CResults:
     x
         Estimates, shape (K, n).
     nis
-        Normalised innovation squared, shape (K,); NaN where nothing was sampled.
+        Normalised innovation squared, of all sensors, shape (K,); NaN where nothing was sampled.
     results
         Return codes of the steps, shape (K,).
     gated
-        Whether the update was rejected, shape (K,).
+        Whether an update was rejected, shape (K,).
     P
         Covariance at the end, shape (n, n); None if the run did not come to its end.
     covariances

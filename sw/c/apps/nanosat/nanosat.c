@@ -9,6 +9,10 @@ _Static_assert(UKF_N == NANOSAT_STATES, "the core must be generated for 7 states
 _Static_assert(UKF_M == NANOSAT_OBSERVATIONS, "the core must be generated for 6 observations");
 _Static_assert(UKF_Q == NANOSAT_STATES, "the core must be generated for 7 process noise terms");
 _Static_assert(UKF_R == NANOSAT_OBSERVATIONS, "the core must have 6 observation noise terms");
+_Static_assert(UKF_SENSORS == 1u || UKF_SENSORS == 9u, "the core must have sensors of 6 or 3 + 3");
+
+/** Observations of the accelerometer; the others are the magnetometer's. */
+#define HALF (NANOSAT_OBSERVATIONS / 2u)
 
 bool nanosat_process(void *context, const ukf_real *x, const ukf_real *w, const void *input,
                      ukf_real *next)
@@ -30,7 +34,7 @@ bool nanosat_process(void *context, const ukf_real *x, const ukf_real *w, const 
     return true;
 }
 
-bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+bool nanosat_observe_gravity(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
 {
     const ukf_real q1 = x[0], q2 = x[1], q3 = x[2], q0 = x[3];
     const ukf_real s1 = q1 * q1, s2 = q2 * q2, s3 = q3 * q3, s0 = q0 * q0;
@@ -39,11 +43,32 @@ bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_re
     z[0] = v[0] + 2 * (q0 * q2 + q1 * q3);
     z[1] = v[1] + 2 * (q2 * q3 - q0 * q1);
     z[2] = v[2] + (s0 - s1 - s2 + s3);
-    z[3] = v[3] + (s0 + s1 - s2 - s3);
-    z[4] = v[4] + 2 * (q1 * q2 + q0 * q3);
-    z[5] = v[5] + 2 * (q1 * q3 - q0 * q2);
     return true;
 }
+
+bool nanosat_observe_field(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+{
+    const ukf_real q1 = x[0], q2 = x[1], q3 = x[2], q0 = x[3];
+    const ukf_real s1 = q1 * q1, s2 = q2 * q2, s3 = q3 * q3, s0 = q0 * q0;
+
+    (void)context;
+    z[0] = v[0] + (s0 + s1 - s2 - s3);
+    z[1] = v[1] + 2 * (q1 * q2 + q0 * q3);
+    z[2] = v[2] + 2 * (q1 * q3 - q0 * q2);
+    return true;
+}
+
+bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
+{
+    return nanosat_observe_gravity(context, x, v, z) &&
+           nanosat_observe_field(context, x, v + HALF, z + HALF);
+}
+
+static const struct ukf_sensor both = {.observe = nanosat_observe, .terms = NANOSAT_OBSERVATIONS};
+static const struct ukf_sensor each[] = {
+    {.observe = nanosat_observe_gravity, .terms = HALF},
+    {.observe = nanosat_observe_field, .terms = HALF},
+};
 
 /** Numbers of a scenario in the type of the filter. */
 static void convert(const double *from, uint32_t count, ukf_real *to)
@@ -67,9 +92,28 @@ static enum ukf_result start(struct ukf *ukf, const struct ukf_scenario *scenari
     return ukf_start(ukf, x, P, Q, R);
 }
 
-/** One step: predict, update, and read the estimate. */
+/** Update with a sensor, if something of it was sampled, and add to what came of the step. */
+static enum ukf_result update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t sampled,
+                              struct ukf_record *record)
+{
+    const struct ukf_range rows = ukf_core_rows(ukf->driver.core, sensor);
+    const uint32_t mask = sampled >> rows.first & ((UINT32_C(1) << rows.count) - 1u);
+    enum ukf_result result;
+
+    if (mask == 0u) {
+        return UKF_OK;
+    }
+    result = ukf_update(ukf, sensor, z + rows.first, mask);
+    if (result == UKF_OK) {
+        record->nis = (ukf_is_number(record->nis) ? record->nis : 0.0) + (double)ukf->nis;
+        record->gated = record->gated != 0u || ukf->gated;
+    }
+    return result;
+}
+
+/** One step: predict, update with each sensor, and read the estimate. */
 static enum ukf_result iterate(struct ukf *ukf, const struct ukf_scenario *scenario, uint32_t k,
-                               ukf_real *x)
+                               ukf_real *x, struct ukf_record *record)
 {
     ukf_real u[NANOSAT_INPUTS];
     ukf_real z[NANOSAT_OBSERVATIONS];
@@ -78,8 +122,8 @@ static enum ukf_result iterate(struct ukf *ukf, const struct ukf_scenario *scena
     convert(&scenario->input[k * NANOSAT_INPUTS], NANOSAT_INPUTS, u);
     convert(&scenario->measurement[k * NANOSAT_OBSERVATIONS], NANOSAT_OBSERVATIONS, z);
     result = ukf_predict(ukf, u);
-    if (result == UKF_OK) {
-        result = ukf_update(ukf, z, scenario->sampled[k]);
+    for (uint32_t i = 0; result == UKF_OK && i < ukf_core_sensors(ukf->driver.core); i++) {
+        result = update(ukf, i, z, scenario->sampled[k], record);
     }
     return result == UKF_OK ? ukf_state(ukf, x) : result;
 }
@@ -98,7 +142,10 @@ enum ukf_result nanosat_execute(struct nanosat_run *run)
     const struct ukf_scenario *scenario = run->scenario;
     struct nanosat nanosat = {.dt = (ukf_real)scenario->interval};
     const struct ukf_models models = {
-        .context = &nanosat, .process = nanosat_process, .observe = nanosat_observe};
+        .context = &nanosat,
+        .process = nanosat_process,
+        .sensors = UKF_SENSORS == 1u ? &both : each,
+    };
     const struct ukf_options options = {
         .timeout_us = run->timeout_us, .redraw = scenario->redraw};
     struct ukf ukf;
@@ -124,11 +171,10 @@ enum ukf_result nanosat_execute(struct nanosat_run *run)
     for (uint32_t k = 0; result == UKF_OK && k < scenario->steps; k++) {
         struct ukf_record record = {.nis = NAN};
 
-        record.result = iterate(&ukf, scenario, k, x);
-        if (record.result == UKF_OK) {
-            record.nis = scenario->sampled[k] != 0u ? (double)ukf.nis : (double)NAN;
-            record.gated = ukf.gated && scenario->sampled[k] != 0u;
-        } else {
+        record.result = iterate(&ukf, scenario, k, x, &record);
+        if (record.result != UKF_OK) {
+            record.nis = NAN;
+            record.gated = 0u;
             run->errors++;
             run->fault = ukf.driver.fault;
             if (ukf.driver.doubtful) {

@@ -45,6 +45,12 @@ bool nanosat_process(void *context, const ukf_real *x, const ukf_real *w, const 
  */
 bool nanosat_observe(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);
 
+/** @brief The same for the accelerometer alone, 3 numbers. */
+bool nanosat_observe_gravity(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);
+
+/** @brief The same for the magnetometer alone, 3 numbers. */
+bool nanosat_observe_field(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);
+
 /** A run of the filter over a scenario. */
 struct nanosat_run {
     const struct ukf_core *core;
@@ -64,6 +70,8 @@ struct nanosat_run {
 
 /**
  * @brief Run the filter over all samples.
+ *
+ * Accelerometer and magnetometer are one sensor of the core, or two.
  *
  * When a step fails the rest of the sample is dropped. If the core or the bus failed, the filter is
  * recovered before the next, and begins anew if the estimate is lost. If that fails, the run ends.
