@@ -405,6 +405,7 @@ def test_svd_is_valid_and_says_what_the_map_says(params, schema, tmp_path):
     access = {
         Access.RO: ("read-only", None),
         Access.RW: ("read-write", "modify"),
+        Access.WO: ("write-only", None),
         Access.W1S: ("write-only", "oneToSet"),
         Access.RW1C: ("read-write", "oneToClear"),
     }

@@ -234,6 +234,30 @@ def test_recovering_may_fail_as_well(case, name, done):
     assert broken > 0
 
 
+@pytest.mark.parametrize("name", ["Q =", "R ="])
+@pytest.mark.parametrize("case", USUAL, ids=str)
+def test_starting_again_where_a_new_noise_broke_off(case, name):
+    """Half of it may be in the core: all rows are written, not only those that differ."""
+    ukf = case.start(SingleBus(case.params))
+    ukf.reset()
+    expected = traits(ukf)
+    access = 0
+    while True:
+        access += 1
+        bus = SingleBus(case.params)
+        ukf = case.start(bus)
+        bus.break_at(access, True)
+        try:
+            OPERATIONS[name](ukf)
+        except BusError:
+            bus.break_at(None, False)
+            ukf.reset()
+            assert np.array_equal(traits(ukf), expected)
+        else:
+            break
+    assert access > 8
+
+
 @pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
 def test_undoing_may_fail(done):
     case = Case(AUGMENTED, redraw=False, predicted=True)

@@ -292,6 +292,25 @@ def test_recovering_may_fail_as_well(library, allowed, case, name, done):
     assert broken > 0
 
 
+@pytest.mark.parametrize("case", USUAL, ids=str)
+def test_starting_again_where_a_new_noise_broke_off(library, case):
+    """Half of it may be in the core: all rows are written, not only those that differ."""
+    ukf, bus = case.start(library(case.params))
+    case.begin(ukf)
+    expected = traits(ukf, bus)
+    access = 0
+    while True:
+        access += 1
+        ukf, bus = case.start(library(case.params))
+        bus.break_at(access, True)
+        if attempt(OPERATIONS["set_noise"], ukf) is Result.OK:
+            break
+        bus.break_at(None, False)
+        case.begin(ukf)
+        assert np.array_equal(traits(ukf, bus), expected)
+    assert access > 8
+
+
 @pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
 def test_opening_may_fail(library, done):
     """The filter refuses everything then, without an access, until it has been opened."""

@@ -208,6 +208,8 @@ class Driver:
         self._predicted: Array | None = None
         #: Words that the core has been told, and must be told again when it has been reset.
         self._noise: tuple[Words, Words] | None = None
+        #: Whether it has that noise: not if a change of it has broken off.
+        self._noise_written = False
         self._gate: Words | None = None
 
         self._pes = self._check_core()
@@ -450,8 +452,7 @@ class Driver:
             self._restart()
             if self._gate is not None:
                 self._write_gate(self._gate)
-            if self._noise is not None:
-                self._write_noise(*self._noise)
+            self._write_old_noise()
         self._step, self._dropping = None, False
 
     def _come_to_rest(self) -> int:
@@ -563,22 +564,28 @@ class Driver:
 
     def _use_noise(self, LQ: Words, LR: Words) -> None:
         """Write factors of Q and R, and run INIT; if it is refused, with those from before."""
+        before = self._noise if self._noise_written else None
         try:
-            self._write_noise(LQ, LR, before=self._noise)
+            self._write_noise(LQ, LR, before)
             self._ensure_initialised()
         except REFUSALS:
             if self._noise is not None:
-                self._write_noise(*self._noise)
+                self._write_old_noise()
                 self._ensure_initialised()
             raise
-        self._noise = LQ, LR
+        self._noise, self._noise_written = (LQ, LR), True
 
     def _write_noise(self, LQ: Words, LR: Words, before: tuple[Words, Words] | None = None) -> None:
         """Write the factors; of those that are there, `before`, only the rows that differ."""
-        self._initialised = False
+        self._initialised = self._noise_written = False
         there = (None, None) if before is None else before
         self._write_matrix("LQ", LQ, there[0])
         self._write_matrix("LR", LR, there[1])
+
+    def _write_old_noise(self) -> None:
+        if self._noise is not None:
+            self._write_noise(*self._noise)
+            self._noise_written = True
 
     def set_gate(self, gate: float) -> None:
         """Write the gate; infinity is off. What is finite stays so, at the format's largest."""
