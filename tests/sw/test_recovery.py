@@ -238,10 +238,14 @@ def test_recovering_may_fail_as_well(case, name, done):
 @pytest.mark.parametrize("case", USUAL, ids=str)
 def test_starting_again_where_a_new_noise_broke_off(case, name):
     """Half of it may be in the core: all rows are written, not only those that differ."""
-    ukf = case.start(SingleBus(case.params))
-    ukf.reset()
-    expected = traits(ukf)
-    access = 0
+    expected = []
+    for done in (False, True):
+        ukf = case.start(SingleBus(case.params))
+        if done:
+            OPERATIONS[name](ukf)
+        ukf.reset()
+        expected.append(traits(ukf))
+    access, found = 0, set()
     while True:
         access += 1
         bus = SingleBus(case.params)
@@ -252,9 +256,11 @@ def test_starting_again_where_a_new_noise_broke_off(case, name):
         except BusError:
             bus.break_at(None, False)
             ukf.reset()
-            assert np.array_equal(traits(ukf), expected)
+            seen = traits(ukf)
+            found.add([np.array_equal(seen, each) for each in expected].index(True))
         else:
             break
+    assert 0 in found, "a filter as before, whose core had other factors"
     assert access > 8
 
 
