@@ -2,6 +2,7 @@
 
 import ctypes
 import itertools
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -28,6 +29,8 @@ from ukf_sw.spec.registers import (
     GATE_HIGH,
     GATE_LOW,
     ID,
+    MASK,
+    SENSORS,
     SIZES,
     STATUS,
     ErrorCode,
@@ -40,6 +43,15 @@ AUGMENTED = UkfParams(n=3, m=2, q=2, r=2)
 MIXED = UkfParams(n=3, m=2, q=3, r=2, process_noise=Noise.ADDITIVE, format=BINARY64)
 COVARIANCE = UkfParams(n=3, m=2, q=3, r=2, form=Form.COVARIANCE)
 SMALLEST = UkfParams(n=1, m=1)
+#: Three sensors. Noise terms that are augmented need not be as many as rows.
+THREE = UkfParams(n=3, m=6, q=2, r=4, sensors=(2, 1, 3))
+THREE_ADDITIVE = UkfParams(
+    n=3, m=6, q=3, r=6, sensors=(2, 1, 3), process_noise=Noise.ADDITIVE,
+    observation_noise=Noise.ADDITIVE,
+)  # fmt: skip
+THREE_WIDE = replace(THREE_ADDITIVE, format=BINARY64)
+#: Row 2, of the second sensor, is an angle.
+ANGLE = 2
 #: Without start files: those of -Ofast would change the arithmetic of this process.
 FAST = ("-Ofast", "-nostartfiles")
 
@@ -219,6 +231,238 @@ def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
     assert len(c_bus.log) > 500
     assert c_bus.log == python_bus.log
     assert not c.exceptions
+
+
+# Several sensors.
+
+
+def terms_of(params):
+    """Noise terms of the three sensors."""
+    return params.sensor_rows if params.additive_r else (1, 2, 1)
+
+
+def observations_of(params):
+    """Models of the three sensors: each sees other states, with its own noise."""
+
+    def model(sensor, rows):
+        def observe(x, v):
+            noise = sum((0.5 + i) * v[i] for i in range(len(v)))
+            return [
+                (0.5 + 0.2 * sensor) * x[(sensor + i) % len(x)] + (0.3 + i) * noise
+                for i in range(rows)
+            ]
+
+        return observe
+
+    return [model(sensor, rows) for sensor, rows in enumerate(params.sensor_rows)]
+
+
+def block_of(params, size, scale):
+    """A covariance; in binary64 a factor shows the order of summation, unless it is diagonal."""
+    spread = 0.0 if params.format == BINARY64 else 0.3
+    return 0.04 * scale * (np.diag(1.0 + np.arange(size)) + spread)
+
+
+def blocks_of(params, scale=1.0):
+    return [block_of(params, size, scale * (i + 1.0)) for i, size in enumerate(terms_of(params))]
+
+
+def block_diagonal(blocks):
+    R = np.zeros((sum(map(len, blocks)),) * 2)
+    first = 0
+    for block in blocks:
+        R[first : first + len(block), first : first + len(block)] = block
+        first += len(block)
+    return R
+
+
+def start_three(library, params, **options):
+    """A C filter with three sensors, and its bus."""
+    bus = NotingBus(GoldenCore(params))
+    c = CFilter(
+        library(params), bus, params, f, observations_of(params), terms=terms_of(params),
+        observation_angles=(ANGLE,), **options,
+    )  # fmt: skip
+    data = problem(params)
+    c.start(data["x0"], data["P0"], data["Q"], block_diagonal(blocks_of(params)))
+    return c, bus
+
+
+def both_of_three(library, params):
+    """A C filter and a Python filter, with the names of the sensors, and buses."""
+    c, c_bus = start_three(library, params, redraw=bool(params.additive_q))
+    data = problem(params)
+    del data["R"]
+    sensors = {
+        name: Sensor(model, R=R, m=rows, angles=(0,) if name == "b" else ())
+        for name, model, R, rows in zip(
+            "abc", observations_of(params), blocks_of(params), params.sensor_rows, strict=True
+        )
+    }
+    same_problem = Problem(
+        name="three", f=f, sensors=sensors, state_angles=(), **data, **core_of(params)
+    )
+    python_bus = NotingBus(GoldenCore(params))
+    python = UnscentedKalmanFilter(same_problem, Driver(python_bus, params))
+    return c, python, c_bus, python_bus
+
+
+@pytest.mark.parametrize(
+    "params", [THREE, THREE_ADDITIVE, THREE_WIDE], ids=["augmented", "additive", "binary64"]
+)
+def test_three_sensors_are_those_of_the_python_driver(library, params):
+    """Every access: updates of some sensor in any order, with masks, gates, and other noise."""
+    c, python, c_bus, python_bus = both_of_three(library, params)
+    rng = np.random.default_rng(11)
+    seen, gated = set(), 0
+    for k in range(60):
+        recovers = k % 13 == 9
+        if recovers:
+            python.recover()
+            c.recover()
+        if recovers or rng.random() < 0.6:
+            u = float(rng.standard_normal())
+            c.predict(u)
+            python.predict(u)
+        sensor = int(rng.integers(3))
+        rows = params.sensor_rows[sensor]
+        z = 2.0 * rng.standard_normal(rows)
+        if sensor == 1:
+            z += 40.0  # some turns
+        mask = rng.random(rows) < 0.7
+        z[~mask] = np.nan
+        gate = 0.2 if rng.random() < 0.2 else np.inf
+        if gate != python.gate:
+            python.gate = gate
+            c.set_gate(gate)
+        corrected = python.update(z, mask, sensor="abc"[sensor])
+        assert c.update(z, mask, sensor=sensor) == corrected
+        assert c.gated == python.gated
+        gated += python.gated
+        if python.nis is not None:
+            assert c.nis == python.nis
+        seen.add((sensor, *mask))
+        if k % 7 == 3:
+            R = block_of(params, terms_of(params)[sensor], 1.0 + rng.random())
+            python.set_R(R, "abc"[sensor])
+            c.set_sensor_noise(sensor, R)
+        if k == 20:
+            Q, R = 0.02 * np.eye(params.q), block_diagonal(blocks_of(params, 1.5))
+            python.Q = Q
+            c.set_noise(Q, python.R)
+            python.R = R
+            c.set_noise(Q, R)
+        assert same(c, python)
+        if k % 6 == 5:
+            python._last_P = None
+            assert c.P.tobytes() == python.P.tobytes()
+    assert len(seen) > 8
+    assert gated > 1
+    assert c_bus.log == python_bus.log
+    assert not c.exceptions
+
+
+@pytest.mark.parametrize("params", [THREE, THREE_ADDITIVE], ids=["augmented", "additive"])
+def test_other_noise_of_a_sensor_is_written_where_it_differs(library, params):
+    c, bus = start_three(library, params)
+    regions = MemoryMap(params)
+    terms = terms_of(params)
+    for sensor, size in enumerate(terms):
+        R = block_of(params, size, 7.0)
+        for changes in (True, False):
+            before = len(bus.log)
+            c.set_sensor_noise(sensor, R)
+            written = [entry[1] for entry in bus.log[before:] if entry[0] == "write"]
+            assert [address for address in written if address >= regions.region_stride] == [
+                regions.address("LR", sum(terms[:sensor]) + i, j)
+                for i in range(changes * size)
+                for j in range(regions["LR"].columns)
+            ]
+
+
+@pytest.mark.parametrize("params", [THREE, THREE_ADDITIVE], ids=["augmented", "additive"])
+def test_sensors_are_checked(library, params):
+    """Before the first write: a number, their R, their noise terms and models, and the core's."""
+    c, bus = start_three(library, params)
+    data = problem(params)
+    R = block_diagonal(blocks_of(params))
+    R[0, -1] = R[-1, 0] = 1e-30
+    before = len(bus.log)
+    for call in (
+        lambda: c.update(np.zeros(1), sensor=3),
+        lambda: c.update(np.zeros(1), np.zeros(1, dtype=bool), sensor=3),
+        lambda: c.update(np.zeros(1), sensor=2**32 - 1),
+        lambda: c.update([np.nan], sensor=1),
+        lambda: c.set_sensor_noise(3, np.eye(1)),
+        lambda: c.set_sensor_noise(0, None),
+        lambda: c.set_sensor_noise(0, -np.eye(2)),
+        lambda: c.set_sensor_noise(1, np.full((2, 2), np.nan)),
+        lambda: c.set_noise(data["Q"], R),
+        lambda: c.start(data["x0"], data["P0"], data["Q"], R),
+    ):
+        assert failing(call).result is Result.BAD_ARGUMENT
+    assert len(bus.log) == before
+    assert not c.doubtful
+
+
+@pytest.mark.parametrize("terms", [(1, 2, 2), (1, 2, 0), (2**32 - 1, 2, 3)])
+def test_the_noise_terms_of_the_sensors_must_be_those_of_the_core(library, terms):
+    bus = NotingBus(GoldenCore(THREE))
+    error = failing(
+        lambda: CFilter(library(THREE), bus, THREE, f, observations_of(THREE), terms=terms)
+    )
+    assert error.result is Result.BAD_ARGUMENT
+    assert not bus.log
+
+
+@pytest.mark.parametrize("missing", [0, 2])
+def test_a_sensor_without_a_model_is_refused(library, missing):
+    bus = NotingBus(GoldenCore(THREE))
+    models = observations_of(THREE)
+    models[missing] = None
+    error = failing(
+        lambda: CFilter(library(THREE), bus, THREE, f, models, terms=terms_of(THREE))
+    )
+    assert error.result is Result.BAD_ARGUMENT
+    assert not bus.log
+
+
+def test_cores_with_other_sensors_are_refused(library):
+    """The same sizes and places, but other rows."""
+    other = replace(THREE_ADDITIVE, sensors=(3, 1, 2))
+    bus = NotingBus(GoldenCore(other))
+    error = failing(
+        lambda: CFilter(
+            library(THREE_ADDITIVE), bus, THREE_ADDITIVE, f, observations_of(THREE_ADDITIVE)
+        )
+    )
+    assert error.result is Result.WRONG_SIZES
+    assert error.fault["address"] == SENSORS.offset
+    assert (error.fault["expected"], error.fault["found"]) == (0b001101, 0b011001)
+
+
+def test_a_singular_row_is_one_of_all_of_z(library):
+    bus = NotingBus(GoldenCore(THREE))
+    models = observations_of(THREE)
+    models[2] = lambda x, v: [x[0] + v[0], x[1] + v[0], 0.0]
+    c = CFilter(library(THREE), bus, THREE, f, models, terms=terms_of(THREE))
+    data = problem(THREE)
+    c.start(data["x0"], data["P0"], data["Q"], block_diagonal(blocks_of(THREE)))
+    error = failing(lambda: c.update(np.zeros(3), sensor=2))
+    assert (error.result, error.fault["index"]) == (Result.SINGULAR_OBSERVATION, 5)
+
+
+def test_masks_of_other_sensors_stay(library):
+    """All ones at first, and after a reset of the core."""
+    c, bus = start_three(library, THREE)
+    masks = []
+    bus.on_write = lambda address, word: address == MASK.offset and masks.append(word)
+    for sensor, mask in ((1, [1]), (0, [0, 1]), (2, [1, 0, 1]), (0, [0, 1]), (0, [1, 1])):
+        c.update(np.zeros(len(mask)), np.array(mask, dtype=bool), sensor=sensor)
+    assert masks == [0b111111, 0b111110, 0b101110, 0b101111]
+    c.recover()
+    c.update(np.zeros(1), sensor=1)
+    assert masks[4:] == [0b111111]
 
 
 def test_redrawing_gives_the_same_estimates(library):
@@ -441,6 +685,7 @@ CHECKED = [
     (ID, "MAGIC", Result.WRONG_ID),
     (ID, "VERSION", Result.WRONG_ID),
     *((SIZES, name, Result.WRONG_SIZES) for name in "NQRM"),
+    (SENSORS, "SENSORS", Result.WRONG_SIZES),
     *(
         (CONFIG, name, Result.WRONG_FORMAT)
         for name in (
