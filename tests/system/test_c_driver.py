@@ -420,9 +420,7 @@ def test_a_sensor_without_a_model_is_refused(library, missing):
     bus = NotingBus(GoldenCore(THREE))
     models = observations_of(THREE)
     models[missing] = None
-    error = failing(
-        lambda: CFilter(library(THREE), bus, THREE, f, models, terms=terms_of(THREE))
-    )
+    error = failing(lambda: CFilter(library(THREE), bus, THREE, f, models, terms=terms_of(THREE)))
     assert error.result is Result.BAD_ARGUMENT
     assert not bus.log
 

@@ -32,7 +32,7 @@ STEPS = 5
 
 def scenario(steps=STEPS, pes=2):
     made = nanosat(steps=steps)
-    return replace(made, params=replace(made.params, pes=pes))
+    return replace(made, pes=pes)
 
 
 # The loop.
@@ -83,7 +83,7 @@ def test_a_thousand_iterations(core_cache):
     assert outcome.mismatch is None
     assert not outcome.results.results.any()
     last = slice(500, None)
-    assert made.error(outcome.results.x[last], made.truth[last])[:, 0].max() < 0.2
+    assert made.error(outcome.results.x[last], made.record.truth[last])[:, 0].max() < 0.2
 
 
 def test_missing_tools_are_named_at_once(core_cache, monkeypatch, tmp_path):
@@ -182,10 +182,32 @@ def test_scenarios_with_more_than_numbers_are_refused(tmp_path):
         export_scenario(made, 3, tmp_path)
 
 
-def test_problems_with_several_sensors_are_refused(tmp_path):
+def test_angles_of_any_sensor_are_refused(tmp_path):
     made = random_scenario(UkfParams(n=2, m=3, sensors=(1, 2)), steps=3)
-    with pytest.raises(ValueError, match=r"^sensors must be one for C programs, not 2: s0, s1$"):
-        export_scenario(made, 3, tmp_path)
+    sensors = {name: made.sensor(name) for name in made.sensor_names}
+    sensors["s1"] = replace(sensors["s1"], angles=(0,))
+    with pytest.raises(ValueError, match=r"^scenario must have numbers only, no angles, not "):
+        export_scenario(replace(made, sensors=sensors), 3, tmp_path)
+
+
+def test_sensors_stand_beside_each_other(tmp_path):
+    """Measurements and masks of all rows, in the order of the sensors."""
+    made = random_scenario(UkfParams(n=2, m=3, r=3, sensors=(1, 2)), steps=4)
+    record = made.record
+    sampled = {
+        "s0": np.array([[1], [0], [1], [0]]),
+        "s1": np.array([[1, 1], [1, 0], [0, 1], [0, 0]]),
+    }
+    made = replace(made, data=replace(record, sampled=sampled))
+    binary, _ = export_scenario(made, 4, tmp_path)
+    data = binary.read_bytes()
+    assert np.frombuffer(data, "<u4", 4, len(data) - 16).tolist() == [0b111, 0b010, 0b101, 0]
+    found = np.frombuffer(data, "<f8", 12, len(data) - 16 - 96).reshape(4, 3)
+    taken = np.hstack([sampled["s0"], sampled["s1"]])
+    measured = np.hstack([record.measurements["s0"], record.measurements["s1"]])
+    assert found.tolist() == np.where(taken, measured, 0.0).tolist()
+    numbers = np.frombuffer(data, "<f8", (len(data) - 40 - 16) // 8, 40)
+    assert numbers[7:16].tolist() == made.R.reshape(-1).tolist()
 
 
 def test_a_file_of_results_must_be_whole(tmp_path):
@@ -223,11 +245,11 @@ def test_the_plot_says_when_the_error_is_below_its_line(tmp_path):
     """What is printed beside it, from errors that are known."""
     made = scenario(60, pes=1)
     expected = golden_results(made, 60, covariances=True)
-    x = made.truth.copy()
+    x = made.record.truth.copy()
     errors = np.full(60, 0.05)
     errors[[0, 3, 20]] = 0.5, 0.5, 0.11
     half = np.radians(errors)[:, None] / 2.0
-    q = made.truth[:, :4]
+    q = made.record.truth[:, :4]
     about_x = np.array([q[:, 3], q[:, 2], -q[:, 1], -q[:, 0]]).T
     x[:, :4] = q * np.cos(half) + about_x * np.sin(half)
     found = replace(expected, x=x)

@@ -3,6 +3,7 @@
 import socket
 import struct
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from ukf_sim.c_in_the_loop.compiler import (
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
 from ukf_sw.c_sources import C_SOURCES
 from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.problem import Sensor
 from ukf_sw.problems.scenario_files import export_scenario, read_results
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014_rates
 from ukf_sw.spec.parameters import Noise, UkfParams
@@ -77,6 +79,48 @@ def test_masks_come_with_the_samples(program, tmp_path):
     sampled = scenario.samples()[1].any(axis=1)
     assert 0 < sampled.sum() < 20
     assert (np.isnan(results.nis) == ~sampled).all()
+
+
+def of_two_sensors(problem, sampled):
+    """The same problem with an accelerometer and a magnetometer of their own."""
+    (name,) = problem.sensor_names
+    h = problem.sensor(name).h
+    measurements, _ = problem.samples()
+    halves = {"accelerometer": slice(3), "magnetometer": slice(3, 6)}
+
+    def model(own):
+        return lambda x, v: h(x, np.concatenate((v, v)))[own]
+
+    return replace(
+        problem,
+        sensors={
+            name: Sensor(model(own), R=problem.R[own, own], m=3) for name, own in halves.items()
+        },
+        data=replace(
+            problem.record,
+            measurements={name: measurements[:, own] for name, own in halves.items()},
+            sampled={name: sampled[:, own] for name, own in halves.items()},
+        ),
+    )
+
+
+@needs_cc
+@pytest.mark.parametrize("noise", list(Noise), ids=lambda noise: noise.value)
+def test_two_sensors(noise, tmp_path):
+    """In each step those of which something was sampled, in their order; NIS is the sum."""
+    one = replace(nanosat(steps=24), observation_noise=noise)
+    scenario = of_two_sensors(one, np.random.default_rng(1).random((24, 6)) < 0.3)
+    assert scenario.params.sensors == (3, 3)
+    write_headers(scenario.params, tmp_path)
+    program = compile_c(
+        [*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path], flags=SANITIZED
+    )
+    done, results = run(program, scenario, tmp_path, steps=24)
+    assert done.returncode == 0, done.stderr
+    assert first_difference(results, golden_results(scenario, 24)) is None
+    updates = sum(scenario.samples(name)[1].any(axis=1) for name in scenario.sensor_names)
+    assert set(updates.tolist()) == {0, 1, 2}
+    assert (np.isnan(results.nis) == (updates == 0)).all()
 
 
 @needs_cc
