@@ -397,6 +397,27 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
+        "C driver: an update loses the masks of other sensors", "sw/c/ukf_driver.c",
+        "bits = (before & ~(own << rows.first)) | (mask & own) << rows.first;",
+        "bits = (mask & own) << rows.first;",
+        C_DRIVER + " -k sensors",
+    ),
+    Mutant(
+        "C filter: a model is given the noise terms of another sensor", "sw/c/ukf_filter.c",
+        "get_column(ukf->V + terms.first * core->points,", "get_column(ukf->V,",
+        C_DRIVER + " -k sensors",
+    ),
+    Mutant(
+        "C filter: half of a new noise is taken for the old one", "sw/c/ukf_filter.c",
+        "    ukf->noise_written = false;\n", "",
+        C_RECOVERY + " -k starting_again",
+    ),
+    Mutant(
+        "driver: half of a new noise is taken for the old one", "sw/ukf_sw/drivers/driver.py",
+        "self._initialised = self._noise_written = False", "self._initialised = False",
+        "tests/sw/test_recovery.py -k starting_again",
+    ),
+    Mutant(
         "C filter: a new estimate keeps the points of the old", "sw/c/ukf_filter.c",
         "    ukf->transformed = false;\n"
         "    return ukf_driver_write(&ukf->driver, ukf->driver.core->state,",
