@@ -327,6 +327,34 @@ static void my_use(const ukf_real *x)
 """
 
 
+def programs_of_the_page():
+    page = (Path(__file__).parents[2] / "docs" / "zynq.md").read_text(encoding="utf-8")
+    return re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
+@needs_cc
+def test_the_sensors_of_the_page_compile(c_folder, tmp_path):
+    folder = tmp_path / "c"
+    shutil.copytree(c_folder, folder)
+    sensors, call = programs_of_the_page()[1].split("\n\n")
+    (folder / "main.c").write_text(
+        '#include "ukf_filter.h"\n'
+        "bool gps_h(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);\n"
+        "bool compass_h(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z);\n"
+        f"{sensors}\n"
+        "enum ukf_result correct(struct ukf *ukf_pointer, ukf_real heading);\n"
+        "enum ukf_result correct(struct ukf *ukf_pointer, ukf_real heading)\n{\n"
+        "    const struct ukf_models models = {.sensors = sensors};\n"
+        "    struct ukf ukf = *ukf_pointer;\n    enum ukf_result result;\n"
+        f"    ukf.models = &models;\n    {call}    return result;\n}}\n"
+    )
+    result = subprocess.run(
+        ["gcc", "-std=c11", *STRICT, "-I.", "-fsyntax-only", "main.c"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+
+
 @needs_cc
 @pytest.mark.parametrize(
     ("device", "message"),
@@ -336,8 +364,7 @@ def test_the_program_of_the_page_stops_if_something_is_wrong(device, message, c_
     """Without a device, and with one that is no core."""
     folder = tmp_path / "c"
     shutil.copytree(c_folder, folder)
-    page = (Path(__file__).parents[2] / "docs" / "zynq.md").read_text(encoding="utf-8")
-    (program,) = re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    program, _ = programs_of_the_page()
     assert program.count('"/dev/uio0') == 2
     (folder / "my_models.h").write_text(MY_MODELS)
     (folder / "main.c").write_text(program.replace("/dev/uio0", device))

@@ -301,8 +301,8 @@ MUTANTS = [
     ),
     Mutant(
         "C driver: a step that fails leaves no doubt", "sw/c/ukf_driver.c",
-        "result = judged(driver, start_and_wait(driver, step, status));",
-        "result = start_and_wait(driver, step, status);",
+        "result = judged(driver, start_and_wait(driver, step, sensor, status));",
+        "result = start_and_wait(driver, step, sensor, status);",
         C_RECOVERY,
     ),
     Mutant(
