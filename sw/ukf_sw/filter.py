@@ -30,8 +30,9 @@ DOUBLE = float(np.finfo(np.float64).eps)
 
 def _is_masked(value: Any) -> bool:
     """Whether elements of an array, or of a list or of its rows, are masked as those of np.ma."""
-    rows = cast("list[Any]", value if isinstance(value, (list, tuple)) else [])
-    return np.ma.is_masked(value) or any(map(np.ma.is_masked, rows))
+    if isinstance(value, (list, tuple)):
+        return any(map(np.ma.is_masked, cast("list[Any]", value)))
+    return np.ma.is_masked(value)
 
 
 def _raw(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
