@@ -1,5 +1,6 @@
 #include "ukf_filter.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -566,6 +567,10 @@ enum ukf_result ukf_update(struct ukf *ukf, const ukf_real *z, uint32_t mask)
         observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
         if ((models->observation_angles & used) >> i & 1u) {
             observation[i] = wrap(observation[i], ukf->Z[i * core->points]);
+        }
+        /* It is for a gate to reject what is too large for the format, which is binary32 then. */
+        if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {
+            observation[i] = (ukf_real)copysign(FLT_MAX, (double)observation[i]);
         }
     }
     result = ukf_driver_update(&ukf->driver, ukf->Z, observation, used, &ukf->nis, &ukf->gated);

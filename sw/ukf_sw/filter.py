@@ -1,6 +1,8 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
+import copy
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
@@ -26,8 +28,17 @@ NO_UPDATE = (None, False)
 DOUBLE = float(np.finfo(np.float64).eps)
 
 
+def _is_masked(value: Any) -> bool:
+    """Whether elements of an array, or of a list or of its rows, are masked as those of np.ma."""
+    if isinstance(value, (list, tuple)):
+        return any(map(np.ma.is_masked, cast("list[Any]", value)))
+    return np.ma.is_masked(value)
+
+
 def _raw(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Check kind and shape of an array of numbers."""
+    """Check kind and shape of an array of numbers, none of them masked."""
+    if _is_masked(value):
+        raise TypeError(f"{name} must have no masked elements, not {value!r}")
     try:
         array = np.asarray(value)
     except ValueError as error:
@@ -73,14 +84,15 @@ def _covariance(value: ArrayLike | None, name: str, size: int, *, definite: bool
         epsilon = max(epsilon, float(np.finfo(given.dtype).eps))
     deviations = np.sqrt(np.abs(np.diag(array)))
     tolerance = max(1e-9, rounding_errors(size, epsilon)) * np.outer(deviations, deviations)
-    asymmetry = np.abs(array - array.T) - tolerance
-    if (asymmetry > 0.0).any():
-        row, column = np.unravel_index(asymmetry.argmax(), array.shape)
+    halves = np.abs(array / 2.0 - array.T / 2.0)  # a sum or difference might overflow
+    if (halves > tolerance / 2.0).any():
+        row, column = np.unravel_index((halves - tolerance / 2.0).argmax(), array.shape)
         raise ValueError(
             f"{name} must be symmetric, not {float(array[row, column])!r} at ({row}, {column}) "
-            f"and {float(array[column, row])!r} at ({column}, {row})"
+            f"and {float(array[column, row])!r} at ({column}, {row}), which may differ by "
+            f"{tolerance[row, column]:.3g}{_hint(array, epsilon, name, definite=definite)}"
         )
-    array = (array + array.T) / 2.0
+    array = array / 2.0 + array.T / 2.0
     try:
         factor = lower_factor(array, epsilon)
         if epsilon > DOUBLE:
@@ -88,8 +100,18 @@ def _covariance(value: ArrayLike | None, name: str, size: int, *, definite: bool
         if definite:
             check_definite(array, epsilon)
     except IndefiniteError as error:
-        raise ValueError(f"{name} {error}") from error
+        hint = _hint(array, epsilon, name, definite=definite)
+        raise ValueError(f"{name} {error}{hint}") from error
     return array
+
+
+def _hint(array: Array, epsilon: float, name: str, *, definite: bool) -> str:
+    """What may help with a matrix that is refused, if it is good enough for one of float32."""
+    if epsilon == DOUBLE and np.abs(array).max() <= np.finfo(np.float32).max:
+        with suppress(ValueError):
+            _covariance(array.astype(np.float32), name, len(array), definite=definite)
+            return "; if it comes from float32, its rounding is allowed for when given as float32"
+    return ""
 
 
 def _angles(value: Iterable[int], name: str, size: int) -> tuple[int, ...]:
@@ -133,7 +155,7 @@ class UnscentedKalmanFilter:
 
     The arrays that it gives are copies, which cannot be written: assign the whole, as in
     ``ukf.x = x`` or ``ukf.x += d``. A filter can be pickled and copied if its models can, and if it
-    has no core on a device.
+    has no core on a device. Every copy is a deep one, with a backend of its own.
 
     Parameters
     ----------
@@ -223,6 +245,10 @@ class UnscentedKalmanFilter:
         self._backend = self._find_backend(backend)
         self._forget()
         self._certainty.assign_anew(self._start, *self._first)
+
+    def __copy__(self) -> "UnscentedKalmanFilter":
+        """Copy as copy.deepcopy does: two filters on one core would not know of each other."""
+        return copy.deepcopy(self)
 
     @property
     def _needs_definite(self) -> bool:
@@ -347,6 +373,8 @@ class UnscentedKalmanFilter:
         self._mask = self._check_mask(value)
 
     def _check_mask(self, value: ArrayLike) -> Mask:
+        if _is_masked(value):
+            raise TypeError(f"mask must have no masked elements, not {value!r}")
         mask = np.asarray(value)
         numbers = mask.dtype.kind in "iuf" and bool(((mask == 0) | (mask == 1)).all())
         if not (mask.dtype == np.bool_ or numbers):
@@ -416,8 +444,9 @@ class UnscentedKalmanFilter:
         - If the core had to be reset in a step, and the estimate was a prediction that had not been
           factorised, it is that from before the prediction.
 
-        If it raises, it can be called again. Without an error before, it is legal and changes
-        nothing but :attr:`nis`.
+        If it raises, it can be called again. Without an error before, it is legal and keeps the
+        estimate; but sigma points may be drawn anew, so the last bits of later estimates may be
+        others. :attr:`nis` is None.
 
         Raises
         ------
@@ -511,7 +540,8 @@ class UnscentedKalmanFilter:
         Parameters
         ----------
         z
-            Observation, shape (m,). None, nothing sampled now, leaves everything as it is.
+            Observation, shape (m,). None, nothing sampled now, leaves everything as it is. Masked
+            elements of a NumPy masked array were not sampled, whatever `mask` says.
         mask
             Which observations were sampled, an array of bool, shape (m,); z may be NaN in the
             others. None is :attr:`mask`. If it is all False, nothing was sampled.
@@ -532,6 +562,10 @@ class UnscentedKalmanFilter:
         """
         p = self._params
         used = self._mask if mask is None else self._check_mask(mask)
+        if z is not None and _is_masked(z):
+            masked = cast("Any", np.ma.array(cast("Any", z)))
+            z = masked.filled(0)
+            used = used & ~np.ma.getmaskarray(masked) if masked.shape == used.shape else used
         if z is None or not used.any():
             return False
         observation = _numbers(z, "z", (p.m,))

@@ -65,7 +65,8 @@ class _Estimate(NamedTuple):
 class ReferenceUkf:
     """Unscented Kalman filter of equations 4 to 19, with the steps of the core.
 
-    Serves :class:`ukf_sw.filter.UnscentedKalmanFilter` as a backend.
+    Serves :class:`ukf_sw.filter.UnscentedKalmanFilter` as a backend. Copies, shallow ones as well,
+    go their own ways.
 
     Parameters
     ----------
@@ -239,7 +240,8 @@ class ReferenceUkf:
             observed = points - z_mean[:, None]
             S = (observed * self._weights) @ observed.T + self._additive_R()[np.ix_(mask, mask)]
             Pxz = (residuals * self._weights) @ observed.T
-        if not (np.isfinite(S).all() and np.isfinite(Pxz).all() and np.isfinite(innovation).all()):
+        # An innovation may be infinite, since z and its mean are finite; so is the NIS then.
+        if not (np.isfinite(S).all() and np.isfinite(Pxz).all()) or np.isnan(innovation).any():
             raise NotFiniteError(Step.UPDATE)
         self._check_regular(S, mask)
         solved = np.linalg.solve(S, np.column_stack((Pxz.T, innovation)))
@@ -253,7 +255,7 @@ class ReferenceUkf:
         if nis > self._gate:
             return nis, True
         P = before.P - K @ S @ K.T
-        self._estimate = _Estimate(before.x + K @ innovation, (P + P.T) / 2.0)
+        self._estimate = _Estimate(before.x + K @ innovation, P / 2.0 + P.T / 2.0)
         return nis, False
 
     def _additive_Q(self) -> Array:

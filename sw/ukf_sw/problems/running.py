@@ -20,6 +20,7 @@ from ukf_sw.backends import Backend, make_backend
 from ukf_sw.errors import REFUSALS, StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problems.scenario import Scenario
+from ukf_sw.spec.fields import as_int
 
 __all__ = ["Estimates", "Run", "Stop", "run"]
 
@@ -192,12 +193,16 @@ def run(
 
     Raises
     ------
+    TypeError
+        If a number of steps is not an int.
     ValueError
         If there are not that many steps.
     UkfError
         If a step of the filter fails and `ends_at` does not have it.
     """
-    total = scenario.steps if steps is None else steps
+    total = scenario.steps if steps is None else as_int("steps", steps)
+    if as_int("every", every) < 1:
+        raise ValueError(f"every must be at least 1, not {every!r}")
     if not 1 <= total <= scenario.steps:
         raise ValueError(f"steps must be between 1 and {scenario.steps}, not {steps!r}")
     computer = make_backend(backend, scenario.params) if isinstance(backend, str) else backend
@@ -213,10 +218,14 @@ def run(
         for k in range(total):
             ukf.predict(None if scenario.inputs is None else scenario.inputs[k])
             mask = None if scenario.sampled is None else scenario.sampled[k]
+            z = scenario.measurements[k]
+            if np.ma.is_masked(z):
+                unmasked = ~np.ma.getmaskarray(z)
+                mask = unmasked if mask is None else mask & unmasked
             if mask is None or mask.any():
                 extra = scenario.observation_arguments
                 arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-                ukf.update(scenario.measurements[k], mask=mask, **arguments)
+                ukf.update(z, mask=mask, **arguments)
                 nis[k], gated[k] = ukf.nis, ukf.gated
             last_x = x[k] = ukf.x
             done = k + 1

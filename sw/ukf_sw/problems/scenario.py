@@ -17,6 +17,14 @@ __all__ = ["Scenario"]
 Array = NDArray[np.float64]
 
 
+def _check_steps(name: str, data: Any, times: Array) -> None:
+    """Check that data have as many entries as there are times."""
+    if not hasattr(data, "__len__") or getattr(data, "shape", None) == ():
+        raise TypeError(f"{name} must have an entry for each step, not {data!r}")
+    if len(data) != len(times):
+        raise ValueError(f"{name} must have {len(times)} steps, not {len(data)!r}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scenario:
     """An estimation problem: models, noise, first estimate, and K steps of data.
@@ -37,7 +45,8 @@ class Scenario:
     times
         Time of each step, shape (K,), in seconds.
     measurements
-        Observations, shape (K, m).
+        Observations, shape (K, m). Elements that are masked, as NumPy masks arrays, were not
+        sampled.
     truth
         True states, or whatever `error` compares with, shape (K, ...). None if it is not known;
         then there are no errors.
@@ -61,6 +70,8 @@ class Scenario:
 
     Raises
     ------
+    TypeError
+        If the data are no arrays or sequences.
     ValueError
         If the data are not K steps long.
     """
@@ -92,11 +103,12 @@ class Scenario:
 
     def __post_init__(self) -> None:
         for name in (
-            "measurements", "truth", "inputs", "sampled", "observation_arguments", "judged",
+            "times", "measurements", "truth", "inputs", "sampled", "observation_arguments",
+            "judged",
         ):  # fmt: skip
             data = getattr(self, name)
-            if data is not None and len(data) != self.steps:
-                raise ValueError(f"{name} must have {self.steps} steps, not {len(data)!r}")
+            if data is not None or name in ("times", "measurements"):
+                _check_steps(name, data, self.times)
         if len(self.error_names) != len(self.error_units):
             raise ValueError(
                 f"error_units must have {len(self.error_names)} entries, "
