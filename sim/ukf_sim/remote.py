@@ -8,15 +8,19 @@ What passes through the socket is JSON: ``[access, arguments]`` that way, ``[kin
 """
 
 import json
+import os
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import weakref
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from multiprocessing.connection import Client, Connection, Listener
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -80,6 +84,58 @@ def _receive(connection: Connection) -> tuple[str, Any]:
     return what, value
 
 
+class Line:
+    """A connection on which each question has its answer, whatever interrupts who asks.
+
+    A thread of its own sends and receives, since signals interrupt only the main one: the answer to
+    a question that KeyboardInterrupt has cut off is taken and dropped before the next is sent.
+
+    Parameters
+    ----------
+    connection
+        The connection.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._questions: _Questions = SimpleQueue()
+        arguments = connection, self._questions
+        threading.Thread(target=_converse, args=arguments, daemon=True).start()
+
+    def ask(self, name: str, *arguments: Any) -> tuple[str, Any]:
+        """Send a question and wait for its answer: its kind and value.
+
+        Raises
+        ------
+        EOFError, OSError, ValueError, TypeError
+            If the connection has been closed, or what arrives is no answer.
+        """
+        if self._connection.closed:
+            raise EOFError
+        answer: Future[tuple[str, Any]] = Future()
+        self._questions.put((answer, name, arguments))
+        return answer.result()
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+        self._questions.put(None)
+
+
+_Questions = SimpleQueue[tuple[Future[tuple[str, Any]], str, tuple[Any, ...]] | None]
+
+
+def _converse(connection: Connection, questions: _Questions) -> None:
+    """Send questions one after the other, each when the one before has been answered."""
+    while (question := questions.get()) is not None:
+        answer, name, arguments = question
+        try:
+            _send(connection, name, arguments)
+            answer.set_result(_receive(connection))
+        except Exception as error:
+            answer.set_exception(error)
+
+
 class RemoteBus(OneCore):
     """A core in a simulator of its own, as a bus. Close it, or let it be forgotten.
 
@@ -115,14 +171,23 @@ class RemoteBus(OneCore):
             # A process of its own: compiling and simulating change the environment of a process.
             command = [sys.executable, "-m", "ukf_sim.remote", folder]
             with Listener(address) as listener:
-                process = subprocess.Popen(command, stdin=subprocess.DEVNULL)
-                threading.Thread(target=_unblock, args=(process, address), daemon=True).start()
-                self._connection = listener.accept()
-            try:
-                kind, text = _receive(self._connection)
-            except EOFError:
-                kind, text = "failed", f"The simulation ended with the code {process.wait()}"
-        self._finalizer = weakref.finalize(self, _stop, self._connection, process)
+                # In a session of its own, Ctrl-C in a terminal interrupts the script only.
+                process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, start_new_session=True
+                )  # fmt: skip
+                try:
+                    threading.Thread(target=_unblock, args=(process, address), daemon=True).start()
+                    connection = listener.accept()
+                    try:
+                        kind, text = _receive(connection)
+                    except EOFError:
+                        kind = "failed"
+                        text = f"The simulation ended with the code {process.wait()}"
+                except BaseException:
+                    os.killpg(process.pid, signal.SIGINT)
+                    raise
+        self._line = Line(connection)
+        self._finalizer = weakref.finalize(self, _stop, self._line, process)
         if kind == "failed":
             self.close()
             raise SimulatorError(text)
@@ -133,9 +198,8 @@ class RemoteBus(OneCore):
 
     def _call(self, name: str, *arguments: Any) -> Any:
         try:
-            _send(self._connection, name, arguments)
-            kind, value = _receive(self._connection)
-        except (EOFError, OSError, ValueError) as error:
+            kind, value = self._line.ask(name, *arguments)
+        except (EOFError, OSError, ValueError, TypeError) as error:
             raise SimulatorError("The simulation has ended") from error
         if kind == "refused":
             raise BusError(*value)
@@ -175,8 +239,8 @@ def _unblock(process: subprocess.Popen[bytes], address: str) -> None:
         Client(address).close()
 
 
-def _stop(connection: Connection, process: subprocess.Popen[bytes]) -> None:
-    connection.close()
+def _stop(line: Line, process: subprocess.Popen[bytes]) -> None:
+    line.close()
     process.wait()
 
 

@@ -1,5 +1,6 @@
 #include "ukf_filter.h"
 
+#include <float.h>
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
@@ -709,6 +710,10 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
         observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
         if ((angles >> i & 1u) != 0u) {
             observation[i] = wrap(observation[i], ukf->Z[i * core->points]);
+        }
+        /* It is for a gate to reject what is too large for the format, which is binary32 then. */
+        if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {
+            observation[i] = (ukf_real)copysign(FLT_MAX, (double)observation[i]);
         }
     }
     result = ukf_driver_update(&ukf->driver, sensor, ukf->Z, observation, used, &ukf->nis,

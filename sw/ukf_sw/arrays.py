@@ -1,6 +1,7 @@
 """Arrays as users give them: checked for kind, shape and value, and copied."""
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
@@ -9,15 +10,24 @@ from numpy.typing import ArrayLike, NDArray
 from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, rounding_errors
 from ukf_sw.spec.fields import as_int
 
-__all__ = ["as_covariance", "as_indices", "as_numbers", "as_vector"]
+__all__ = ["as_covariance", "as_indices", "as_numbers", "as_vector", "is_masked"]
 
 Array = NDArray[np.float64]
 
 DOUBLE = float(np.finfo(np.float64).eps)
 
 
+def is_masked(value: Any) -> bool:
+    """Whether elements of an array, or of a list or of its rows, are masked as those of np.ma."""
+    if isinstance(value, (list, tuple)):
+        return any(map(np.ma.is_masked, cast("list[Any]", value)))
+    return np.ma.is_masked(value)
+
+
 def _raw(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Check kind and shape of an array of numbers."""
+    """Check kind and shape of an array of numbers, none of them masked."""
+    if is_masked(value):
+        raise TypeError(f"{name} must have no masked elements, not {value!r}")
     try:
         array = np.asarray(value)
     except ValueError as error:
@@ -65,14 +75,15 @@ def as_covariance(
         epsilon = max(epsilon, float(np.finfo(given.dtype).eps))
     deviations = np.sqrt(np.abs(np.diag(array)))
     tolerance = max(1e-9, rounding_errors(size, epsilon)) * np.outer(deviations, deviations)
-    asymmetry = np.abs(array - array.T) - tolerance
-    if (asymmetry > 0.0).any():
-        row, column = np.unravel_index(asymmetry.argmax(), array.shape)
+    halves = np.abs(array / 2.0 - array.T / 2.0)  # a sum or difference might overflow
+    if (halves > tolerance / 2.0).any():
+        row, column = np.unravel_index((halves - tolerance / 2.0).argmax(), array.shape)
         raise ValueError(
             f"{name} must be symmetric, not {float(array[row, column])!r} at ({row}, {column}) "
-            f"and {float(array[column, row])!r} at ({column}, {row})"
+            f"and {float(array[column, row])!r} at ({column}, {row}), which may differ by "
+            f"{tolerance[row, column]:.3g}{_hint(array, epsilon, name, definite=definite)}"
         )
-    array = (array + array.T) / 2.0
+    array = array / 2.0 + array.T / 2.0
     try:
         factor = lower_factor(array, epsilon)
         if epsilon > DOUBLE:
@@ -80,8 +91,18 @@ def as_covariance(
         if definite:
             check_definite(array, epsilon)
     except IndefiniteError as error:
-        raise ValueError(f"{name} {error}") from error
+        hint = _hint(array, epsilon, name, definite=definite)
+        raise ValueError(f"{name} {error}{hint}") from error
     return array
+
+
+def _hint(array: Array, epsilon: float, name: str, *, definite: bool) -> str:
+    """What may help with a matrix that is refused, if it is good enough for one of float32."""
+    if epsilon == DOUBLE and np.abs(array).max() <= np.finfo(np.float32).max:
+        with suppress(ValueError):
+            as_covariance(array.astype(np.float32), name, len(array), definite=definite)
+            return "; if it comes from float32, its rounding is allowed for when given as float32"
+    return ""
 
 
 def as_indices(

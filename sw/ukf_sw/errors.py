@@ -229,12 +229,20 @@ class IllegalStepError(StepError):
 
 
 class NotFiniteError(StepError):
-    """A step met NaN or infinity. The estimate from before the step stays."""
+    """A step met NaN or infinity. The estimate from before the step stays.
+
+    Parameters
+    ----------
+    step
+        The step.
+    detail
+        What was so, if that is known.
+    """
 
     error_code = ErrorCode.NOT_FINITE
 
-    def __init__(self, step: Step) -> None:
-        super().__init__(f"{step.name} met NaN or infinity", step)
+    def __init__(self, step: Step, detail: str = "") -> None:
+        super().__init__(f"{step.name} met NaN or infinity{detail and ': ' + detail}", step)
 
 
 class SingularObservationError(StepError):

@@ -70,7 +70,10 @@ def _check_eigenvalues(C: Array, least: float, rule: str) -> None:
     for row in range(len(C)):
         smallest = float(np.linalg.eigvalsh(C[: row + 1, : row + 1])[0])
         if smallest < least or row == len(C) - 1:
-            reason = f"with variances near 1, the smallest eigenvalue up to there is {smallest:.3g}"
+            reason = (
+                f"with variances near 1, the smallest eigenvalue up to there is {smallest:.3g}, "
+                f"and at least {least:.3g} is needed"
+            )
             raise IndefiniteError(rule, row, reason)
 
 

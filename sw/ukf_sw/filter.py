@@ -1,12 +1,13 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
+import copy
 from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sw.arrays import as_covariance, as_numbers, as_vector
+from ukf_sw.arrays import as_covariance, as_numbers, as_vector, is_masked
 from ukf_sw.backends import Backend, make_backend
 from ukf_sw.certainty import Certainty
 from ukf_sw.errors import REFUSALS, NotFiniteError
@@ -56,7 +57,7 @@ class UnscentedKalmanFilter:
 
     The arrays that it gives are copies, which cannot be written: assign the whole, as in
     ``ukf.x = x`` or ``ukf.x += d``. A filter can be pickled and copied if its models can, and if it
-    has no core on a device.
+    has no core on a device. Every copy is a deep one, with a backend of its own.
 
     Parameters
     ----------
@@ -122,6 +123,10 @@ class UnscentedKalmanFilter:
         self._backend = make_backend(backend, params) if isinstance(backend, str) else backend
         self._forget()
         self._certainty.assign_anew(self._start, *self._first)
+
+    def __copy__(self) -> "UnscentedKalmanFilter":
+        """Copy as copy.deepcopy does: two filters on one core would not know of each other."""
+        return copy.deepcopy(self)
 
     @property
     def _needs_definite(self) -> bool:
@@ -277,6 +282,8 @@ class UnscentedKalmanFilter:
 
     @staticmethod
     def _check_mask(value: ArrayLike, rows: int) -> Mask:
+        if is_masked(value):
+            raise TypeError(f"mask must have no masked elements, not {value!r}")
         mask = np.asarray(value)
         numbers = mask.dtype.kind in "iuf" and bool(((mask == 0) | (mask == 1)).all())
         if not (mask.dtype == np.bool_ or numbers):
@@ -346,8 +353,9 @@ class UnscentedKalmanFilter:
         - If the core had to be reset in a step, and the estimate was a prediction that had not been
           factorised, it is that from before the prediction.
 
-        If it raises, it can be called again. Without an error before, it is legal and changes
-        nothing but :attr:`nis`.
+        If it raises, it can be called again. Without an error before, it is legal and keeps the
+        estimate; but sigma points may be drawn anew, so the last bits of later estimates may be
+        others. :attr:`nis` is None.
 
         Raises
         ------
@@ -449,7 +457,8 @@ class UnscentedKalmanFilter:
         ----------
         z
             Observation, shape (m,) with the rows of the sensor. None, nothing sampled now, leaves
-            everything as it is.
+            everything as it is. Masked elements of a NumPy masked array were not sampled, whatever
+            `mask` says.
         mask
             Which observations were sampled, an array of bool, shape (m,); z may be NaN in the
             others. None is :attr:`mask`. If it is all False, nothing was sampled.
@@ -476,6 +485,10 @@ class UnscentedKalmanFilter:
         used = self._mask[rows.start : rows.stop]
         if mask is not None:
             used = self._check_mask(mask, len(rows))
+        if z is not None and is_masked(z):
+            masked = cast("Any", np.ma.array(cast("Any", z)))
+            z = masked.filled(0)
+            used = used & ~np.ma.getmaskarray(masked) if masked.shape == used.shape else used
         if z is None or not used.any():
             return False
         observation = as_numbers(z, "z", (len(rows),))

@@ -305,6 +305,8 @@ class CheckedModel:
 
     def _check(self, result: object, shape: tuple[int, ...], where: str) -> Array:
         """Check the kind and the shape of what the model returned."""
+        if np.ma.is_masked(result):
+            raise TypeError(f"{self.name} must return no masked elements, {where}, not {result!r}")
         try:
             array = np.asarray(result)
         except ValueError as error:

@@ -25,7 +25,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sw.arrays import as_covariance, as_indices, as_vector
+from ukf_sw.arrays import as_covariance, as_indices, as_vector, is_masked
 from ukf_sw.models import ObservationModel, ProcessModel, check_takes, wrap
 from ukf_sw.spec.fields import as_bool, as_int, parameters_of
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
@@ -47,7 +47,7 @@ def of_sensor(what: str, name: str) -> str:
 
 def _array(name: str, value: Any) -> NDArray[Any]:
     """Check data of a sensor: numbers, or bool."""
-    array = np.asarray(value)
+    array = np.ma.asarray(value) if is_masked(value) else np.asarray(value)
     if array.dtype.kind not in "fiub":
         raise TypeError(f"{name} must be an array of real numbers, not {value!r}")
     return array
@@ -93,7 +93,7 @@ class Data:
         Time of each step, shape (K,), in seconds.
     measurements
         Observations of each sensor, by its name, shape (K, m) each; the array alone if there is one
-        sensor.
+        sensor. Elements that NumPy has masked were not sampled.
     sampled
         Which of them were sampled, as `measurements`; None: those that are not NaN. A step without
         any is a predict only.
@@ -109,6 +109,8 @@ class Data:
 
     Raises
     ------
+    TypeError
+        If the data are no arrays or sequences.
     ValueError
         If the data are not K steps long.
     """
@@ -122,18 +124,19 @@ class Data:
     judged: Mask | None = None
 
     def __post_init__(self) -> None:
-        for name in ("inputs", "observation_arguments", "truth", "judged"):
-            self._check(name, getattr(self, name))
-        for name in ("measurements", "sampled"):
-            given: Any = getattr(self, name)
+        for each in fields(self):
+            given: Any = getattr(self, each.name)
             if isinstance(given, Mapping):
                 for part in cast("Mapping[str, Any]", given).values():
-                    self._check(name, part)
-            else:
-                self._check(name, given)
+                    self._check(each.name, part)
+            elif given is not None or each.name in ("times", "measurements"):
+                self._check(each.name, given)
 
     def _check(self, name: str, data: Any) -> None:
-        if data is not None and len(data) != self.steps:
+        """Check that data have as many entries as there are times."""
+        if not hasattr(data, "__len__") or getattr(data, "shape", None) == ():
+            raise TypeError(f"{name} must have an entry for each step, not {data!r}")
+        if len(data) != self.steps:
             raise ValueError(f"{name} must have {self.steps} steps, not {len(data)!r}")
 
     @property
@@ -487,11 +490,15 @@ class Problem:
     def _complete_data(self, data: Data) -> Data:
         """Give the parts of each sensor by name, and check them."""
         measurements = self._by_sensor("measurements", data.measurements, data.steps)
+        hidden = {name: np.ma.getmaskarray(part) for name, part in measurements.items()}
+        measurements = {name: np.ma.filled(part, np.nan) for name, part in measurements.items()}
         if data.sampled is None:
             sampled = {name: ~np.isnan(part) for name, part in measurements.items()}
         else:
             sampled = self._by_sensor("sampled", data.sampled, data.steps)
-            sampled = {name: part.astype(np.bool_) for name, part in sampled.items()}
+            sampled = {
+                name: part.astype(np.bool_) & ~hidden[name] for name, part in sampled.items()
+            }
         shape = data.steps, len(self.x0)
         if self.error is None and data.truth is not None and np.shape(data.truth) != shape:
             raise ValueError(

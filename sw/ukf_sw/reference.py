@@ -65,7 +65,8 @@ class _Estimate(NamedTuple):
 class ReferenceUkf:
     """Unscented Kalman filter of equations 4 to 19, with the steps of the core.
 
-    Serves :class:`ukf_sw.filter.UnscentedKalmanFilter` as a backend.
+    Serves :class:`ukf_sw.filter.UnscentedKalmanFilter` as a backend. Copies, shallow ones as well,
+    go their own ways.
 
     Parameters
     ----------
@@ -244,7 +245,8 @@ class ReferenceUkf:
             R = self._additive_R(sensor)[np.ix_(mask, mask)]
             S = (observed * self._weights) @ observed.T + R
             Pxz = (residuals * self._weights) @ observed.T
-        if not (np.isfinite(S).all() and np.isfinite(Pxz).all() and np.isfinite(innovation).all()):
+        # An innovation may be infinite, since z and its mean are finite; so is the NIS then.
+        if not (np.isfinite(S).all() and np.isfinite(Pxz).all()) or np.isnan(innovation).any():
             raise NotFiniteError(Step.UPDATE)
         self._check_regular(S, self._params.rows_of(sensor).start + np.flatnonzero(mask))
         solved = np.linalg.solve(S, np.column_stack((Pxz.T, innovation)))
@@ -258,7 +260,7 @@ class ReferenceUkf:
         if nis > self._gate:
             return nis, True
         P = before.P - K @ S @ K.T
-        self._estimate = _Estimate(before.x + K @ innovation, (P + P.T) / 2.0)
+        self._estimate = _Estimate(before.x + K @ innovation, P / 2.0 + P.T / 2.0)
         return nis, False
 
     def _additive_Q(self) -> Array:

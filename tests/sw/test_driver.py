@@ -636,7 +636,7 @@ def test_a_driver_of_a_device_cannot_be_copied():
         pass
 
     driver, _, _ = start(bus=Device(GoldenCore(SMALL)))
-    for take in (copy.deepcopy, pickle.dumps):
+    for take in (copy.copy, copy.deepcopy, pickle.dumps):
         with pytest.raises(TypeError, match=r"^A filter or driver whose core is behind a Device "):
             take(driver)
 
@@ -651,3 +651,30 @@ def test_a_predict_that_has_failed_unseen_has_not_happened():
     assert driver.recover() is None
     assert not driver.undo_predict()
     np.testing.assert_array_equal(driver.sigma_points(), points)
+
+
+@pytest.mark.parametrize("make_bus", [GoldenBus, SingleBus])
+def test_a_shallow_copy_has_a_core_of_its_own(make_bus):
+    driver, _, core = start(bus=make_bus(GoldenCore(SMALL)))
+    twin = copy.copy(driver)
+    twin.set_state(np.array([7.0, 8.0]))
+    np.testing.assert_array_equal(driver.state(), [1.0, 2.0])
+    np.testing.assert_array_equal(twin.state(), [7.0, 8.0])
+    assert not np.shares_memory(copy.copy(core).engine.memory, core.engine.memory)
+
+
+def test_a_z_beyond_the_format_stays_without_a_finite_gate():
+    driver, _, _ = start()
+    points = driver.sigma_points()
+    for gate in (None, np.inf):
+        if gate is not None:
+            driver.set_gate(gate)
+        driver.redraw()
+        with pytest.raises(NotFiniteError, match=r"z is -1e\+39 in row 0"):
+            driver.update(points, np.array([-1e39, 0.0]), np.array([True, True]))
+    driver.set_gate(1e39)
+    driver.redraw()
+    assert driver.update(points, np.array([-1e39, 0.0]), np.array([True, True]))[1]
+    driver.redraw()
+    with pytest.raises(NotFiniteError, match=r"z is inf in row 0"):
+        driver.update(points, np.array([np.inf, 0.0]), np.array([True, True]))

@@ -23,7 +23,7 @@ from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.models import wrap
 from ukf_sw.problem import Problem, Sensor
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 from ukf_sw.spec.registers import CONTROL, GATE_LOW
 
@@ -1043,3 +1043,146 @@ def test_recovering_without_need_changes_nothing(ukf):
     for each in (ukf, twin):
         each.update([2.0, 1.0])
     np.testing.assert_allclose(ukf.x, twin.x, atol=1e-9)
+
+
+def test_shallow_copies_are_full_ones(ukf):
+    ukf.predict(0.1)
+    ukf.update([1.0, 2.0])
+    before = estimate(ukf)
+    twin = copy.copy(ukf)
+    assert estimate(twin) == before
+    assert twin.backend is not ukf.backend
+    twin.x = [9.0, 9.0, 9.0]
+    twin.P = np.eye(3)
+    twin.gate = 1e-9
+    assert estimate(ukf) == before
+    assert ukf.update([1.5, 1.0]) is True
+
+
+# What is masked or too large.
+
+
+@pytest.mark.parametrize("z", [
+    np.ma.masked_array([1.0, 99.0], mask=[False, True]),
+    np.ma.masked_array([1.0, np.nan], mask=[False, True]),
+])  # fmt: skip
+def test_masked_elements_of_z_were_not_sampled(ukf, z):
+    twin = copy.deepcopy(ukf)
+    assert ukf.update(z)
+    assert twin.update([1.0, 0.0], mask=[True, False])
+    assert estimate(ukf) == estimate(twin)
+    before = estimate(ukf)
+    assert ukf.update(z, mask=[False, True]) is False
+    ukf.mask = [False, True]
+    assert ukf.update(z) is False
+    assert estimate(ukf) == before
+
+
+def test_a_masked_array_with_nothing_masked_is_an_array(ukf):
+    assert ukf.update(np.ma.masked_array([1.0, 2.0]))
+    ukf.x = np.ma.masked_array(X0)
+
+
+MASKED = np.ma.masked_array(P0, mask=np.eye(3, dtype=bool))
+
+
+@pytest.mark.parametrize(("name", "set_to"), [
+    ("x", lambda ukf: setattr(ukf, "x", MASKED[0])),
+    ("x", lambda ukf: ukf.reset(x=MASKED[0])),
+    ("P", lambda ukf: setattr(ukf, "P", MASKED)),
+    ("P", lambda ukf: setattr(ukf, "P", list(MASKED))),
+    ("Q", lambda ukf: setattr(ukf, "Q", MASKED[:2, :2])),
+    ("R", lambda ukf: setattr(ukf, "R", MASKED[:2, :2])),
+    ("mask", lambda ukf: setattr(ukf, "mask", MASKED[0, :2] == 1.0)),
+    ("mask", lambda ukf: ukf.update([1.0, 2.0], mask=MASKED[0, :2] == 1.0)),
+    ("x0", lambda ukf: make(x0=MASKED[0])),
+    ("P0", lambda ukf: make(P0=MASKED)),
+])  # fmt: skip
+def test_other_masked_arrays_are_refused(ukf, name, set_to):
+    with pytest.raises(TypeError, match=f"^{name} must have no masked elements, not "):
+        set_to(ukf)
+
+
+def test_masked_results_of_a_model_are_refused(ukf):
+    bad = make(f=lambda x, w, u: np.ma.masked_array(f(x, w, u), mask=[True, False, False]))
+    with pytest.raises(TypeError, match=r" must return no masked elements, at sigma point 0, not "):
+        bad.predict()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("number_format", "z"), [
+    (BINARY16, 1e15), (BFLOAT16, -1e39), (BINARY32, 1e39), (BINARY32, -1e200), (BINARY64, 1.7e308),
+])  # fmt: skip
+def test_a_gate_rejects_every_finite_z(backend, number_format, z):
+    params = UkfParams(n=3, m=2, q=2, r=2, format=number_format)
+    ukf = make(backend, params)
+    ukf.predict()
+    before = estimate(ukf)
+    ukf.gate = 10.0
+    assert ukf.update([1.0, z]) is False
+    assert ukf.gated
+    assert estimate(ukf) == before
+
+
+def test_a_gate_of_the_reference_rejects_an_infinite_innovation():
+    ukf = UnscentedKalmanFilter(
+        lambda x, w, u: x, lambda x, v: x,
+        UkfParams(n=1, m=1, r=1, observation_noise=Noise.ADDITIVE),
+        x0=[-(2.0**1023)], P0=[[1.0]], R=[[1.0]],
+    )  # fmt: skip
+    with pytest.raises(NotFiniteError):
+        ukf.update([1.7e308])
+    ukf.gate = 10.0
+    assert ukf.update([1.7e308]) is False
+    assert ukf.gated
+
+
+def test_without_a_gate_a_z_beyond_the_format_is_named():
+    ukf = make("golden", UkfParams(n=3, m=2, q=2, r=2))
+    before = estimate(ukf)
+    message = "UPDATE met NaN or infinity: z is 1e+39 in row 1, and the format ends at 3.40282e+38"
+    with pytest.raises(NotFiniteError, match=f"^{re.escape(message)}$"):
+        ukf.update([1.0, 1e39])
+    assert estimate(ukf) == before
+    assert ukf.update([1.0, 1e39], mask=[True, False])
+
+
+# Messages about covariances.
+
+
+def test_covariances_that_come_from_float32_in_float64():
+    g = np.array([0.1, 0.7, 0.3], dtype=np.float32)
+    singular = np.outer(g, g).astype(np.float64)
+    hint = "; if it comes from float32, its rounding is allowed for when given as float32"
+    with pytest.raises(ValueError, match=rf"at least -\S+ is needed{hint}$"):
+        make(P0=singular)
+    make(P0=singular.astype(np.float32))
+    lopsided = np.eye(3)
+    lopsided[0, 1] = 1e-7
+    with pytest.raises(ValueError, match=rf"at \(1, 0\), which may differ by 1e-09{hint}$"):
+        make(P0=lopsided)
+    make(P0=lopsided.astype(np.float32))
+
+
+def test_a_definite_covariance_of_float16_names_the_bound():
+    params = UkfParams(n=3, m=2, q=2, r=2, form=Form.COVARIANCE)
+    P = np.array([[1.0, 0.99, 0.0], [0.99, 1.0, 0.0], [0.0, 0.0, 1.0]], dtype=np.float16)
+    message = r"^P0 must be positive definite, .* is 0\.00\d+, and at least 0\.0117 is needed$"
+    with pytest.raises(ValueError, match=message):
+        make("golden", params, P0=P)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_variances_near_the_largest_number(backend):
+    P = np.diag([1e308, 1.0, 1.0])
+    np.testing.assert_allclose(make(backend, P0=P).P, P, rtol=1e-12)
+    P[0, 1] = -1.7e308
+    P[1, 0] = 1.7e308
+    with pytest.raises(ValueError, match=r"^P0 must be symmetric, not -1\.7e\+308 at "):
+        make(backend, P0=P)
+
+
+def test_a_gate_beyond_float():
+    message = r"^gate must be at most 1\.79769e\+308, the largest float, not an int of 1329 bits$"
+    with pytest.raises(ValueError, match=message):
+        make().gate = 10**400

@@ -1,3 +1,4 @@
+import copy
 from functools import partial
 from itertools import cycle
 
@@ -390,3 +391,14 @@ def test_asymmetry_is_judged_beside_its_row():
     make(P0=A)
     with pytest.raises(ValueError, match=r"^P0 must be symmetric, not .* at \([12], [12]\)"):
         make(P0=A + 1e-6 * np.eye(3)[1][:, None] * np.eye(3)[2])
+
+
+def test_shallow_copies_go_their_own_ways():
+    ukf = ReferenceUkf(UkfParams(n=1, m=1, q=1, r=1))
+    ukf.initialise(np.ones(1), np.eye(1), np.eye(1), np.eye(1))
+    twin = copy.copy(ukf)
+    twin.predict(twin.sigma_points() * 2.0)
+    twin.set_noise(np.eye(1) * 4.0, np.eye(1))
+    assert (ukf.state()[0], twin.state()[0]) == (1.0, 2.0)
+    assert ukf.noise_points()[0].max() < twin.noise_points()[0].max()
+    assert not ukf.undo_predict()

@@ -252,3 +252,34 @@ def test_the_estimate_after_an_error_that_leaves_a_doubt_is_that_before_it():
     found = run(scenario, driver, ends_at=(BusError,))
     assert 0 < found.steps < 5
     np.testing.assert_array_equal(found.last_x, found.x[-1])
+
+
+# What may be wrong, or masked.
+
+
+def test_numbers_of_steps_are_checked():
+    scenario = random_scenario(TINY, steps=3)
+    with pytest.raises(TypeError, match=r"^steps must be an int, not 2\.5$"):
+        run(scenario, steps=2.5)
+    with pytest.raises(ValueError, match=r"^every must be at least 1, not 0$"):
+        run(scenario, every=0)
+    assert run(scenario, steps=np.int64(2)).steps == 2
+
+
+@pytest.mark.parametrize("data", [None, 3.0, np.array(3.0)])
+@pytest.mark.parametrize("name", ["times", "measurements"])
+def test_data_of_a_scenario_are_arrays(name, data):
+    with pytest.raises(TypeError, match=rf"^{name} must have an entry for each step, not "):
+        replace(random_scenario(TINY, steps=3), **{name: data})
+
+
+def test_masked_measurements_were_not_sampled():
+    params = UkfParams(n=2, m=2, q=1, r=2)
+    scenario = random_scenario(params, steps=4)
+    sampled = np.array([[1, 1], [0, 1], [0, 0], [1, 0]], dtype=np.bool_)
+    masked = np.ma.masked_array(scenario.measurements, mask=~sampled)
+    found = run(replace(scenario, measurements=masked))
+    expected = run(replace(scenario, sampled=sampled))
+    np.testing.assert_array_equal(found.x, expected.x)
+    np.testing.assert_array_equal(found.nis, expected.nis)
+    assert np.isnan(found.nis[2])

@@ -838,6 +838,26 @@ def test_a_finite_gate_stays_finite(library, params, gate, held):
     assert params.format.decode(np.array([word], dtype=np.uint64))[0] == held
 
 
+@pytest.mark.parametrize("params", [AUGMENTED, MIXED], ids=["binary32", "binary64"])
+def test_a_gate_rejects_a_z_beyond_the_format(library, params):
+    """With the accesses of the Python driver; without a gate binary32 has no such number."""
+    c, python, c_bus, python_bus = both(library, params)
+    mask = np.ones(params.m, dtype=bool)
+    for gate, large in ((10.0, 1e39), (1e39, -1e200)):
+        z = np.zeros(params.m)
+        z[0] = large
+        python.gate = gate
+        c.set_gate(gate)
+        assert c.update(z, mask) == python.update(z, mask)
+        assert c.gated
+        assert python.gated
+        assert c.nis == python.nis
+    assert c_bus.log == python_bus.log
+    if params.format == BINARY32:
+        c.set_gate(np.inf)
+        assert failing(c.update, z, mask).result is Result.NOT_FINITE
+
+
 def test_the_covariance_form_needs_a_definite_covariance(library):
     c, _ = start(library, COVARIANCE)
     data = problem(COVARIANCE)

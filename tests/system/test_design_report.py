@@ -368,6 +368,20 @@ def test_sweep_without_its_scheduler(ukf, monkeypatch):
     assert "There is no scheduler at 'tcp://127.0.0.1:9'" in ukf("sweep", *options, code=1).stderr
 
 
+def test_sweep_without_an_address_of_its_scheduler(ukf):
+    """Found before anything is computed, in one sentence."""
+    message = ukf("sweep", "--n", 1, "--m", 1, "--scheduler", "nonsense", code=1).stderr
+    assert "There is no scheduler at 'nonsense': missing port number in address" in message
+    assert "Traceback" not in message
+
+
+def test_sweep_names_points_that_are_no_core_before_it_computes(ukf):
+    options = ("--n", 1, "--m", 1, "--pes", "1,99", "--scheduler", "nonsense")
+    message = ukf("sweep", *options, code=1).stderr
+    rule = "pes must be between 1 and the number of columns, 3, not 99"
+    assert message.index(f"No core, and not computed: {rule}") < message.index("no scheduler")
+
+
 def test_report_without_a_sweep(ukf):
     for arguments in ((), ("--sweep", ".")):
         message = ukf("report", *arguments, code=2).stderr

@@ -2,7 +2,10 @@
 
 import importlib
 import inspect
+import os
+import signal
 import threading
+import time
 from multiprocessing import Pipe
 from multiprocessing.connection import Listener
 from pathlib import Path
@@ -12,7 +15,7 @@ import numpy as np
 import pytest
 
 from ukf_sim.lockstep import MismatchError
-from ukf_sim.remote import RemoteBus, _receive, serve
+from ukf_sim.remote import Line, RemoteBus, _receive, serve
 from ukf_sim.simulators import SimulatorError
 from ukf_sw.backends import backend_names, make_backend
 from ukf_sw.drivers.driver import Driver
@@ -27,6 +30,8 @@ from ukf_sw.spec.registers import ID, INTERRUPT_PENDING
 pytestmark = pytest.mark.system
 
 TINY = UkfParams(n=1, m=1, q=1, r=1)
+#: A time-out above which a user interrupts the script.
+INTERRUPTED = 1e3
 
 
 def test_script_runs_on_the_simulated_core(icarus, tmp_path, monkeypatch):
@@ -84,6 +89,9 @@ class Recorded:
         assert (words.dtype, words.tolist()) == (np.uint32, [2**32 - 1])
 
     def wait_for_interrupt(self, timeout):
+        if timeout > INTERRUPTED:
+            os.kill(os.getpid(), signal.SIGINT)  # the main thread waits for the answer
+            time.sleep(0.1)
         return np.bool_(timeout > 1.0)
 
     def clock(self):
@@ -99,10 +107,11 @@ def remote(tmp_path):
         thread = threading.Thread(target=serve, args=(context,), kwargs={"address": address})
         thread.start()
         bus = object.__new__(RemoteBus)
-        bus._connection = listener.accept()
-    assert _receive(bus._connection) == ("ready", None)
+        connection = listener.accept()
+    assert _receive(connection) == ("ready", None)
+    bus._line = Line(connection)
     yield bus
-    bus._connection.close()
+    bus._line.close()
     thread.join(10)
     assert not thread.is_alive()
 
@@ -121,6 +130,18 @@ def test_accesses_pass_as_text(remote):
     assert (caught.value.address, caught.value.access) == (0xFC, "read")
     with pytest.raises(SimulatorError, match=r"x\[0, 0\]"):
         remote.write(4, 7)
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_an_answer_that_comes_after_an_interrupt_is_dropped(remote, times):
+    for _ in range(times):
+        with pytest.raises(KeyboardInterrupt):
+            remote.wait_for_interrupt(2.0 * INTERRUPTED)
+    assert remote.read(8) == 9
+    assert remote.clock() == 0.1
+    with pytest.raises(BusError):
+        remote.read(0xFC)
+    remote.write(0, 7)
 
 
 def test_what_is_received_is_not_run(remote, tmp_path):

@@ -1,5 +1,6 @@
 """Driver of the core: the software that would run beside it, on any bus."""
 
+import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -15,6 +16,7 @@ from ukf_sw.errors import (
     CoreTimeoutError,
     EstimateLostError,
     FormatOverflowError,
+    NotFiniteError,
     StepLostError,
     WrongCoreError,
     error_of,
@@ -105,6 +107,9 @@ class Driver:
     What a method that raises has done is said in :mod:`ukf_sw.errors`. After an error that leaves
     it open, whatever needs the core raises :class:`ukf_sw.errors.NotRecoveredError` until
     :meth:`recover` or :meth:`initialise` has succeeded.
+
+    Every copy is a deep one, with a core of its own; if there is but one core, as on a device, it
+    is refused.
 
     Parameters
     ----------
@@ -214,6 +219,10 @@ class Driver:
 
         self._pes = self._check_core()
         self._reset_core()
+
+    def __copy__(self) -> "Driver":
+        """Copy as copy.deepcopy does: two drivers of one core would not know of each other."""
+        return copy.deepcopy(self)
 
     # What the core is.
 
@@ -694,7 +703,8 @@ class Driver:
         points
             Shape (rows, N).
         z
-            Shape (rows,).
+            Shape (rows,). With a finite gate, what is finite is clamped to the format's range, for
+            the gate to reject.
         mask
             Which rows were sampled, shape (rows,).
         sensor
@@ -712,6 +722,10 @@ class Driver:
         StepError
             If the step fails.
         """
+        largest = self._params.format.max_finite
+        beyond = mask & (np.abs(z) > largest) & np.isfinite(z)
+        if self._gate is not None and np.isfinite(self._codec.from_words(self._gate)[0]):
+            z = np.where(beyond, np.copysign(largest, z), z)
         words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
         sampled = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
         rows = self._params.rows_of(sensor)
@@ -725,7 +739,18 @@ class Driver:
                 self._mask = None
                 self._write_register(MASK, bits)
                 self._mask = bits
-            gated = bool(self._run(Step.UPDATE, sensor) & GATED)
+            try:
+                gated = bool(self._run(Step.UPDATE, sensor) & GATED)
+            except NotFiniteError as error:
+                rounded = self._codec.from_words(words)[-len(z) :]
+                lost = np.flatnonzero(mask & ~np.isfinite(rounded))
+                if not len(lost):
+                    raise
+                row = int(lost[0])
+                detail = (
+                    f"z is {float(z[row])!r} in row {row}, and the format ends at {largest:.6g}"
+                )
+                raise NotFiniteError(error.step, detail) from error
             if not gated:
                 self._x = self._before = self._predicted = None
             found = [self._read_register(NIS_LOW)]

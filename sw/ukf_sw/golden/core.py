@@ -3,6 +3,7 @@
 Every word that the bus can read, and every word of the memories, equals the hardware's.
 """
 
+import copy
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, ClassVar, Protocol
@@ -174,6 +175,10 @@ class GoldenCore:
         self._gated = False
         self._cycles = 0
         self.flags = NO_FLAG
+
+    def __copy__(self) -> "GoldenCore":
+        """Copy as copy.deepcopy does, so that the copy has memories of its own."""
+        return copy.deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_buffer"}

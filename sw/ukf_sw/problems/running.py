@@ -20,6 +20,7 @@ from ukf_sw.backends import Backend, make_backend
 from ukf_sw.errors import REFUSALS, StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problem import Problem
+from ukf_sw.spec.fields import as_int
 
 __all__ = ["Estimates", "Run", "Stop", "run"]
 
@@ -201,13 +202,17 @@ def run(
 
     Raises
     ------
+    TypeError
+        If a number of steps is not an int.
     ValueError
         If there are not that many steps, or no data.
     UkfError
         If a step of the filter fails and `ends_at` does not have it.
     """
     data = problem.record
-    total = data.steps if steps is None else steps
+    total = data.steps if steps is None else as_int("steps", steps)
+    if as_int("every", every) < 1:
+        raise ValueError(f"every must be at least 1, not {every!r}")
     if not 1 <= total <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
     computer = make_backend(backend, problem.params) if isinstance(backend, str) else backend

@@ -35,7 +35,14 @@ def _as(kind: type[Any], name: str, value: Any) -> Any:
     value = value[()] if getattr(value, "shape", None) == () else value
     if not isinstance(value, kinds) or (isinstance(value, bool) and kind is not bool):
         raise TypeError(f"{name} must be {called}, not {value!r}")
-    return kind(value)
+    try:
+        return kind(value)
+    except OverflowError as error:
+        bits = int(value).bit_length()
+        raise ValueError(
+            f"{name} must be at most {np.finfo(np.float64).max:.6g}, the largest float, "
+            f"not an int of {bits} bits"
+        ) from error
 
 
 def as_int(name: str, value: Any) -> int:

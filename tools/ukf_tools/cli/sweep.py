@@ -83,7 +83,8 @@ def sweep(
 
     Options of the core take lists, as --pes 1,2,4-6, and --q n is q = n; every combination is a
     point. Results are kept: what was found once is not computed again, and an interrupted sweep
-    goes on where it was. The exit code is 1 if a point failed; the others are not lost.
+    goes on where it was. Points that are no legal core are named before the others are computed.
+    The exit code is 1 if a point failed; the others are not lost.
     """  # fmt: skip
     from ukf_tools.design_space.cache import Cache
     from ukf_tools.design_space.executors import ClusterExecutor, ExecutorError, LocalExecutor
@@ -104,6 +105,7 @@ def sweep(
         )
         if accuracy is not None and not any(_judges(questions, point) for point in points):
             raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
+    _tell_illegal(points)
     try:
         with checked():
             executor = (
@@ -149,6 +151,15 @@ def _judges(questions: "Questions", point: Point) -> bool:
         return questions.judges(point.core.params)
     except ValueError:
         return False
+
+
+def _tell_illegal(points: list[Point]) -> None:
+    """Say which points are no legal core, and why."""
+    for point in points:
+        try:
+            _ = point.core
+        except ValueError as error:
+            messages.print(f"No core, and not computed: {error}", highlight=False, soft_wrap=True)
 
 
 def _bar() -> Progress:

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import signal
+import socket
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, as_completed
@@ -188,11 +189,20 @@ class ClusterExecutor:
         # What it would log is in the messages of the parts.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
+            self._look(address)
             self._client = distributed.Client(
                 address, timeout=_CONNECT_SECONDS, set_as_default=False
             )
         except (OSError, ValueError) as error:
             raise ExecutorError(f"There is no scheduler at {address!r}: {error}") from error
+
+    def _look(self, address: str) -> None:
+        """Connect once, since a client tries for long and leaves a trace on the terminal."""
+        from distributed.comm.addressing import get_address_host_port
+
+        host, port = get_address_host_port(address)
+        if address.partition("://")[0] != "inproc":
+            socket.create_connection((host, port), timeout=_CONNECT_SECONDS).close()
 
     def run(self, parts: Sequence[Part]) -> Iterator[tuple[Part, dict[str, Any] | FailedPart]]:
         """Compute parts; see :class:`Executor`."""
