@@ -1125,11 +1125,11 @@ def test_a_gate_rejects_every_finite_z(backend, number_format, z):
 
 
 def test_a_gate_of_the_reference_rejects_an_infinite_innovation():
-    ukf = UnscentedKalmanFilter(
-        lambda x, w, u: x, lambda x, v: x,
-        UkfParams(n=1, m=1, r=1, observation_noise=Noise.ADDITIVE),
-        x0=[-(2.0**1023)], P0=[[1.0]], R=[[1.0]],
+    problem = Problem(
+        name="far", f=lambda x, w, u: x, sensors=Sensor(lambda x, v: x, R=[[1.0]]),
+        observation_noise=Noise.ADDITIVE, x0=[-(2.0**1023)], P0=[[1.0]],
     )  # fmt: skip
+    ukf = UnscentedKalmanFilter(problem)
     with pytest.raises(NotFiniteError):
         ukf.update([1.7e308])
     ukf.gate = 10.0

@@ -270,16 +270,19 @@ def test_numbers_of_steps_are_checked():
 @pytest.mark.parametrize("name", ["times", "measurements"])
 def test_data_of_a_scenario_are_arrays(name, data):
     with pytest.raises(TypeError, match=rf"^{name} must have an entry for each step, not "):
-        replace(random_scenario(TINY, steps=3), **{name: data})
+        change_data(random_scenario(TINY, steps=3), **{name: data})
 
 
 def test_masked_measurements_were_not_sampled():
     params = UkfParams(n=2, m=2, q=1, r=2)
     scenario = random_scenario(params, steps=4)
     sampled = np.array([[1, 1], [0, 1], [0, 0], [1, 0]], dtype=np.bool_)
-    masked = np.ma.masked_array(scenario.measurements, mask=~sampled)
-    found = run(replace(scenario, measurements=masked))
-    expected = run(replace(scenario, sampled=sampled))
+    masked = np.ma.masked_array(scenario.samples()[0], mask=~sampled)
+    found = run(change_data(scenario, measurements=masked, sampled=None))
+    expected = run(change_data(scenario, sampled=sampled))
+    assert np.array_equal(scenario.samples()[1], np.ones((4, 2)))
+    both = run(change_data(scenario, measurements=masked))
+    np.testing.assert_array_equal(both.x, expected.x)
     np.testing.assert_array_equal(found.x, expected.x)
     np.testing.assert_array_equal(found.nis, expected.nis)
     assert np.isnan(found.nis[2])
