@@ -26,6 +26,7 @@ from ukf_sw.spec.registers import (
     NIS_HIGH,
     NIS_LOW,
     REGISTERS,
+    SENSORS,
     SIZES,
     STATUS,
     W0_HIGH,
@@ -40,6 +41,7 @@ PARAMS = [
     pytest.param(UkfParams(n=1, m=1), id="smallest"),
     pytest.param(UkfParams(n=7, m=6, q=7, r=6, pes=10), id="nanosat"),
     pytest.param(UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half"),
+    pytest.param(UkfParams(n=2, m=6, sensors=(2, 1, 3)), id="sensors"),
     pytest.param(
         UkfParams(
             n=3, m=2, q=3, r=2, W0=0.1, format=BINARY64, process_noise=Noise.ADDITIVE,
@@ -62,6 +64,7 @@ class Model:
     words: dict = field(default_factory=dict)
     step: Step = Step.IDLE
     program: Program = Program.INIT
+    sensor: int = 0
     initialised: int = 0
     points: int = 0
     predicted: int = 0
@@ -94,6 +97,7 @@ class Model:
             "run.start": self.start,
             "run.stop": self.stop,
             "run.program": self.program,
+            "run.sensor": self.sensor,
             "run.observation_mask": self.mask,
             "banks.state": self.state_bank,
             "banks.factor": self.factor_bank,
@@ -125,6 +129,7 @@ class Model:
             NIS_HIGH: self.nis >> 32,
             W0_LOW: int(np.float64(p.W0).view(np.uint64)) & 0xFFFF_FFFF,
             W0_HIGH: int(np.float64(p.W0).view(np.uint64)) >> 32,
+            SENSORS: 0b1101 if p.sensors else 1,
         }[register]  # fmt: skip
 
     def clock(self, *, write=None, state_written=False, factor_written=False, done=None):
@@ -154,7 +159,7 @@ class Model:
             reset = bool(action & CONTROL["RESET"].mask)
             steps = [step for step in STEPS if action & start_bit(step)]
             if steps and not reset:
-                events |= self._start(steps, busy)
+                events |= self._start(steps, busy, action >> 16 & 0x1F)
         if done is not None and busy and not reset:
             events |= self._end(gate, *done)
         if reset:
@@ -168,7 +173,7 @@ class Model:
             self.seen.add("set against clear")
         self.pending = self.pending & ~clear | events
 
-    def _start(self, steps, busy):
+    def _start(self, steps, busy, sensor):
         step = steps[0]
         legal = (
             self.words[CONTROL] & 1
@@ -178,7 +183,9 @@ class Model:
                 Step.INIT: True,
                 Step.SIG_GEN: self.initialised,
                 Step.PREDICT: self.points,
-                Step.UPDATE: self.residuals or self.points,
+                Step.UPDATE: (
+                    (self.residuals or self.points) and sensor < (3 if self.params.sensors else 1)
+                ),
                 Step.COVARIANCE: self.initialised,
             }[step]
         )
@@ -196,6 +203,9 @@ class Model:
             self.seen.add("at once")
             return 0b01
         self.step, self.start = step, 1
+        self.sensor = sensor if step is Step.UPDATE else 0
+        if self.sensor:
+            self.seen.add("another sensor")
         self.mask = self.words[MASK] & ((1 << self.params.m) - 1)
         self.program = {
             Step.INIT: Program.INIT,
@@ -292,7 +302,9 @@ class Stimulus:
                 bits |= CONTROL["RESET"].mask
             if rng.random() < 0.95:
                 bits |= CONTROL["ENABLE"].mask
-            bits |= rng.getrandbits(32) & ~0x1F03 if rng.random() < 0.2 else 0
+            if rng.random() < 0.3:
+                bits |= rng.choice([0, 1, 2, 2, 3, 31]) << 16
+            bits |= rng.getrandbits(32) & ~0x1F1F03 if rng.random() < 0.2 else 0
             return (1, CONTROL.offset, bits, self.strobe())
         if choice < 0.90:
             gate = self.number()
@@ -390,7 +402,8 @@ def test_agrees_with_model_on_every_clock(params):
             await ctx.tick()
 
     simulate(dut, testbench)
-    assert model.seen >= EVENTS, f"the stimulus never met {EVENTS - model.seen}"
+    wanted = EVENTS | ({"another sensor"} if params.sensors else set())
+    assert model.seen >= wanted, f"the stimulus never met {wanted - model.seen}"
 
 
 class Bench:

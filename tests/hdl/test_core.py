@@ -99,6 +99,13 @@ def test_wrong_params_are_rejected(args, message):
             UkfParams(n=2, m=2, pes=2, form=Form.COVARIANCE, format=BINARY16), FAST, 400,
             id="covariance",
         ),
+        pytest.param(
+            UkfParams(
+                n=2, m=3, r=3, sensors=(1, 2), pes=2, observation_noise=Noise.ADDITIVE,
+                format=BINARY16,
+            ),
+            FAST, 400, id="sensors",
+        ),
     ],
 )  # fmt: skip
 def test_agrees_with_golden_core(params, pipeline, count):
@@ -138,7 +145,8 @@ def test_agrees_with_golden_core(params, pipeline, count):
             if symbol in memory_map:
                 for i in range(memory_map[symbol].rows):
                     one = int(params.format.encode(1.0))
-                    await write(memory_map.address(symbol, i, i), one)
+                    column = min(i, memory_map[symbol].columns - 1)
+                    await write(memory_map.address(symbol, i, column), one)
         await write(CONTROL.offset, start_bit(Step.INIT) | 1)
         await bench.idle()
         for _ in range(count):
@@ -147,7 +155,9 @@ def test_agrees_with_golden_core(params, pipeline, count):
                 step = rng.choice([*STEPS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE, Step.UPDATE])
                 reset = CONTROL["RESET"].mask * (rng.random() < 0.03)
                 golden.hold = True
-                await write(CONTROL.offset, start_bit(step) | (rng.random() < 0.98) | reset)
+                sensor = CONTROL["SENSOR"].put(rng.choice([0, 0, 1, 2]) if params.sensors else 0)
+                enable = rng.random() < 0.98
+                await write(CONTROL.offset, start_bit(step) | sensor | enable | reset)
                 if golden.busy:
                     if rng.random() < 0.3:  # a few clocks, which is less than any step takes
                         seen.add("while running")

@@ -34,6 +34,10 @@ CONFIGURATIONS = [
     pytest.param(
         UkfParams(n=3, m=2, r=2, pes=4, format=BINARY64, W0=0.5), Pipeline(), id="binary64"
     ),
+    pytest.param(
+        UkfParams(n=2, m=4, r=4, sensors=(1, 3), observation_noise=Noise.ADDITIVE, pes=3),
+        Pipeline(), id="sensors",
+    ),
 ]  # fmt: skip
 
 
@@ -65,17 +69,19 @@ class Bench:
             await self.put(symbol, row, column, int(word), **banks)
 
     async def run(
-        self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None, compare=True
-    ):
+        self, program, *, sensor=0, mask=-1, state_bank=0, factor_bank=0, stop_after=None,
+        compare=True,
+    ):  # fmt: skip
         ctx, dut = self.ctx, self.dut
         expected = self.golden.run(
-            program, mask=mask, state_bank=state_bank, factor_bank=factor_bank,
+            program, sensor=sensor, mask=mask, state_bank=state_bank, factor_bank=factor_bank,
             stop_after=stop_after,
         )  # fmt: skip
         ctx.set(dut.run.observation_mask, mask)
         ctx.set(dut.banks.state, state_bank)
         ctx.set(dut.banks.factor, factor_bank)
         ctx.set(dut.run.program, program)
+        ctx.set(dut.run.sensor, sensor)
         ctx.set(dut.run.start, 1)
         await ctx.tick()
         ctx.set(dut.run.start, 0)
@@ -137,9 +143,10 @@ def test_agrees_with_golden_model(params, pipeline):
     async def scenario(bench):
         await bench.fill("x", rng.normal(size=n))
         await bench.fill("L", np.tril(rng.normal(size=(n, n))))
-        for symbol, size in (("LQ", params.q), ("LR", params.r)):
-            if size:
-                await bench.fill(symbol, np.tril(rng.normal(size=(size, size))))
+        for symbol in ("LQ", "LR"):
+            if symbol in bench.map:
+                region = bench.map[symbol]
+                await bench.fill(symbol, np.tril(rng.normal(size=(region.rows, region.columns))))
         assert (await bench.run(Program.INIT)).error_code == 0
         assert (await bench.run(Program.SIG_GEN)).error_code == 0
         await bench.fill("X", rng.normal(size=(n, params.N)))
@@ -154,9 +161,11 @@ def test_agrees_with_golden_model(params, pipeline):
         assert update.error_code == 0
         assert update.nis is not None
         await bench.run(Program.COVARIANCE, factor_bank=1)
-        await bench.run(Program.UPDATE_REDRAWN, mask=-2, factor_bank=1)
+        last = len(params.sensor_rows) - 1
+        await bench.run(Program.UPDATE_REDRAWN, sensor=last, mask=-2, factor_bank=1)
         await bench.fill("X", rng.normal(size=(n, params.N)))
         await bench.run(Program.PREDICT, state_bank=1)
+        await bench.run(Program.UPDATE, sensor=last)
         await bench.run(Program.SIG_GEN_PREDICTED)
 
     simulate(params, pipeline, scenario)
