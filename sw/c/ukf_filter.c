@@ -364,6 +364,7 @@ static enum ukf_result send_all(struct ukf *ukf)
 {
     enum ukf_result result = ukf_driver_begin(&ukf->driver);
 
+    ukf->noise_written = false; /* To begin anew is to rely on nothing. */
     ukf->gated = false;
     ukf->nis = (ukf_real)NAN;
     if (result == UKF_OK) {
@@ -713,7 +714,7 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
         }
         /* It is for a gate to reject what is too large for the format, which is binary32 then. */
         if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {
-            observation[i] = (ukf_real)copysign(FLT_MAX, (double)observation[i]);
+            observation[i] = observation[i] > 0 ? (ukf_real)FLT_MAX : -(ukf_real)FLT_MAX;
         }
     }
     result = ukf_driver_update(&ukf->driver, sensor, ukf->Z, observation, used, &ukf->nis,

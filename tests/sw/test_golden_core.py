@@ -26,6 +26,7 @@ from ukf_sw.spec.registers import (
     NIS_HIGH,
     NIS_LOW,
     REGISTERS,
+    SENSORS,
     SIZES,
     STATUS,
     W0_HIGH,
@@ -50,11 +51,15 @@ class FakeEngine(Interpreter):
     def __init__(self, params):
         super().__init__(params)
         self.ran = []
+        self.sensors = []
         self.error = (0, 0)
         self.innovation_overflow = False
         self.nis = 0
 
-    def run(self, program, *, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
+    def run(
+        self, program, *, sensor=0, mask=-1, state_bank=0, factor_bank=0, stop_after=None
+    ):  # fmt: skip
+        self.sensors.append(sensor)
         self.ran.append((program, mask, state_bank, factor_bank, stop_after))
         nis = self.nis if program in (Program.UPDATE, Program.UPDATE_REDRAWN) else None
         return RunResult(*self.error, nis, CLOCKS, self.innovation_overflow)
@@ -116,7 +121,7 @@ def test_registers_after_power_up(number_format):
     core = GoldenCore(params)
     expected = dict.fromkeys(REGISTERS, 0)
     expected |= {
-        ID: 0x554B_0003,
+        ID: 0x554B_0004,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
         MASK: 0xFFFF_FFFF,
@@ -124,6 +129,7 @@ def test_registers_after_power_up(number_format):
         GATE_HIGH: number_format.infinity >> 32,
         W0_LOW: 0x9999_999A,
         W0_HIGH: 0x3FB9_9999,
+        SENSORS: 1,
     }  # fmt: skip
     assert {register: read(core, register) for register in REGISTERS} == expected
 
@@ -164,7 +170,7 @@ def test_a_start_bit_acts_only_when_its_byte_is_strobed(core):
 
 @pytest.mark.parametrize("offset", range(4))
 def test_low_address_bits_do_not_matter(core, offset):
-    assert core.read(ID.offset + offset) == (0x554B_0003, True)
+    assert core.read(ID.offset + offset) == (0x554B_0004, True)
 
 
 def test_unmapped_addresses_are_refused(core):

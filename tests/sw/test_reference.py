@@ -10,6 +10,7 @@ from support.covariances import random_covariances
 from ukf_sw.errors import NotFiniteError, NotPositiveDefiniteError, SingularObservationError
 from ukf_sw.factors import IndefiniteError, lower_factor
 from ukf_sw.filter import UnscentedKalmanFilter as Filter
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.reference import ReferenceUkf, sigma_coefficients, weights
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
@@ -325,6 +326,12 @@ def test_gate_rejects_and_keeps_the_prediction():
 # Covariances.
 
 
+def filter_of(backend, **problem):
+    """A filter of a state that stays, unless told otherwise, of which the first row is seen."""
+    given = {"f": lambda x, w, u: x, "sensors": Sensor(lambda x, v: x[:1])} | problem
+    return Filter(Problem(name="covariances", **given), backend)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("backend", ["reference", "golden"])
 def test_every_covariance_is_accepted_and_kept(dtype, backend):
@@ -339,11 +346,7 @@ def test_every_covariance_is_accepted_and_kept(dtype, backend):
         assert (np.abs(B @ B.T - A) <= limit).all()
         if len(A) == 3 or (backend == "reference" and len(A) < 8):
             count += 1
-            params = UkfParams(n=len(A), m=1, q=len(A), process_noise=Noise.ADDITIVE)
-            ukf = Filter(
-                lambda x, w, u: x, lambda x, v: x[:1], params, x0=np.zeros(len(A)), P0=A, Q=A,
-                backend=backend,
-            )  # fmt: skip
+            ukf = filter_of(backend, x0=np.zeros(len(A)), P0=A, Q=A, process_noise=Noise.ADDITIVE)
             assert (np.abs(ukf.Q - A) <= limit).all()
             ukf.P = ukf.Q = A
             ukf.predict()
@@ -358,9 +361,9 @@ def test_every_covariance_is_accepted_and_kept(dtype, backend):
 @pytest.mark.parametrize("kind", Noise)
 def test_an_outer_product_in_single_precision_is_a_covariance(backend, dt, kind):
     g = np.array([dt * dt / 2.0, dt], np.float32)
-    ukf = Filter(
-        lambda x, w, u: x + w, lambda x, v: x[:1], UkfParams(n=2, m=1, q=2, process_noise=kind),
-        x0=[0.0, 0.0], P0=np.outer(g, g), Q=np.outer(g, g), backend=backend,
+    ukf = filter_of(
+        backend, f=lambda x, w, u: x + w, x0=[0.0, 0.0], P0=np.outer(g, g), Q=np.outer(g, g),
+        process_noise=kind,
     )  # fmt: skip
     ukf.predict()
     np.testing.assert_allclose(ukf.P, 2.0 * np.outer(g, g), rtol=1e-5)
@@ -368,11 +371,8 @@ def test_an_outer_product_in_single_precision_is_a_covariance(backend, dt, kind)
 
 @pytest.mark.parametrize("backend", ["reference", "golden"])
 def test_the_covariance_form_takes_variances_of_any_sizes(backend):
-    params = UkfParams(n=2, m=1, form=Form.COVARIANCE)
     P = np.diag([1e6, 1e-8])
-    ukf = Filter(
-        lambda x, w, u: x, lambda x, v: x[1:], params, x0=[0.0, 0.0], P0=P, backend=backend
-    )
+    ukf = filter_of(backend, x0=[0.0, 0.0], P0=P, form=Form.COVARIANCE)
     ukf.predict()
     np.testing.assert_allclose(ukf.P, P, rtol=1e-6, atol=1e-9)
     dependent = np.array([[1.0, 1.0], [1.0, 1.0]])
@@ -387,7 +387,7 @@ def test_asymmetry_is_judged_beside_its_row():
     g = (rng.standard_normal((3, 3)) * [[1e4], [1.0], [1e-4]]).astype(np.float32)
     A = np.asarray(g @ g.T)
     A[1, 2] *= np.float32(1.0 + 2e-7)
-    make = partial(Filter, lambda x, w, u: x, lambda x, v: x[:1], UkfParams(n=3, m=1), x0=[0] * 3)
+    make = partial(filter_of, "reference", x0=[0] * 3)
     make(P0=A)
     with pytest.raises(ValueError, match=r"^P0 must be symmetric, not .* at \([12], [12]\)"):
         make(P0=A + 1e-6 * np.eye(3)[1][:, None] * np.eye(3)[2])

@@ -268,6 +268,8 @@ def test_grid_takes_every_parameter():
         values = list(entry.kind) if issubclass(entry.kind, Enum) else [BINARY16, BINARY64]
         if entry.kind in (int, float, bool):
             values = {int: [1, 2], float: [0.5, 0.25], bool: [False, True]}[entry.kind]
+        if entry.kind is tuple:
+            values = [(1, 2), (1, 1, 1)]
         points = grid([Point.of(Core(params=UkfParams(n=3, m=3, q=3, r=3)))], **{label: values})
         assert [point.core.values()[label] for point in points] == values
         assert [point.cells()[label] for point in points] == [entry.cell(v) for v in values]

@@ -25,7 +25,7 @@ from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.spec.sequence import WAYS, Program, Step
+from ukf_sw.spec.sequence import WAYS, Program, Routine, Step
 
 STEPS = 1
 ENGINE, CONTROL = "ukf_core.core.engine", "ukf_core.core.control"
@@ -187,7 +187,7 @@ def test_every_clock(found, starts):
     word_name = found.simulator.tool.waves.surfer_word
     changed = 0
     for start, execution in zip(starts, found.executions, strict=True):
-        words = code.words[code.entry[execution.program] :]
+        words = code.words[code.entry[Routine(execution.program)] :]
         for count, golden in enumerate(execution.clocks):
             clock = start + 2 + count
             if count < len(execution.clocks) - 1:
@@ -220,7 +220,8 @@ def test_results(found, starts):
         if execution.program in (Program.UPDATE, Program.UPDATE_REDRAWN)
     ]
     for (start, execution), nis in zip(updates, found.run.nis, strict=True):
-        at = in_update + code.entry[Program.UPDATE] - code.entry[execution.program]
+        entries = (code.entry[Routine(each)] for each in (Program.UPDATE, execution.program))
+        at = in_update + next(entries) - next(entries)
         golden = execution.clocks[at + 1].nis
         assert waves[f"{ENGINE}.bus"][start + 2 + at] == golden
         after = start + 2 + len(execution.clocks)

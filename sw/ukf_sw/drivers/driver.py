@@ -299,7 +299,9 @@ class Driver:
             if before is not None:
                 changed = (new != before.reshape(region.rows, -1)).any(axis=1)
             addresses = self._addresses(symbol, region.rows, region.columns)
-            self._write(addresses.reshape(new.shape)[changed].reshape(-1), new[changed].reshape(-1))
+            if changed.any():
+                chosen = addresses.reshape(new.shape)[changed]
+                self._write(chosen.reshape(-1), new[changed].reshape(-1))
 
     def _words(self, name: str, values: Array) -> Words:
         """Round numbers to words.
@@ -520,6 +522,7 @@ class Driver:
 
     def _initialise(self, x: Words, L: Words, LQ: Words, LR: Words) -> None:
         self._x = self._before = self._predicted = self._step = None
+        self._noise_written = False  # to begin anew is to rely on nothing
         self._reset_core()
         self._write(self._x_addresses, x)
         self._write_matrix("L", L)
