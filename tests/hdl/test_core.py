@@ -96,7 +96,7 @@ def test_wrong_params_are_rejected(args, message):
             id="square root",
         ),
         pytest.param(
-            UkfParams(n=2, m=2, pes=2, form=Form.COVARIANCE, format=BINARY16), FAST, 400,
+            UkfParams(n=2, m=2, pes=2, form=Form.COVARIANCE, format=BINARY16), FAST, 600,
             id="covariance",
         ),
         pytest.param(

@@ -30,7 +30,7 @@ __all__ = ["PROOFS", "BusBench", "Proof", "main", "prove", "prove_structure"]
 
 ADDR_WIDTH = 4
 #: Sizes with every region, several columns a lane, and lanes that are no power of two.
-PARAMS = UkfParams(n=2, m=3, q=2, r=1, pes=3)
+PARAMS = UkfParams(n=2, m=3, q=2, r=1, sensors=(1, 2), pes=3)
 
 
 def _implies(condition, conclusion):
