@@ -219,7 +219,7 @@ def _from_arrays(source: Columns, name: str) -> dict[str, Array]:
         array = np.ma.asarray(cast("Any", values))
         if array.dtype.kind not in "fiub" or array.ndim != 1:
             raise LogError(f"{heading} of {name} must be a row of numbers, not {values!r}")
-        found[heading] = array.astype(np.float64).filled(np.nan)
+        found[heading] = np.ma.filled(array.astype(np.float64), np.nan)
     lengths = {heading: len(array) for heading, array in found.items()}
     if len(set(lengths.values())) > 1:
         raise LogError(f"{name} must have one length, not {lengths!r}")
@@ -231,8 +231,9 @@ def _from_csv(path: Path) -> dict[str, Array]:
     with path.open(newline="", encoding="utf-8-sig") as file:
         first = file.readline()
         separator = max(",;\t", key=first.count)
-        headings = next(csv.reader([first], delimiter=separator), [])
-        headings = [heading.strip() for heading in headings]
+        headings = [
+            heading.strip() for row in csv.reader([first], delimiter=separator) for heading in row
+        ]
         if not any(headings):
             raise LogError(f"{path.name} must begin with a line of headings, not {first!r}")
         rows: list[list[float]] = []
