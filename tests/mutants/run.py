@@ -53,6 +53,23 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "sensors: a bad pivot is reported as a row of the first sensor",
+        "sw/ukf_sw/engine/programs.py",
+        "pivot_offset=observed.start - first, innovation=rhs,",
+        "pivot_offset=-first, innovation=rhs,",
+        "tests/sw/test_problem.py tests/sw/test_logs.py tests/sw/test_schedule.py",
+    ),
+    Mutant(
+        "logs: an input is taken before it was there", "sw/ukf_sw/problems/logs.py",
+        'side="right") - 1', 'side="left") - 1',
+        "tests/sw/test_logs.py",
+    ),
+    Mutant(
+        "sensors: the update of another one is started", "hdl/ukf_hdl/core/control.py",
+        "self.run.sensor.eq(Mux(way.step == Step.UPDATE, sensor, 0))", "self.run.sensor.eq(0)",
+        f"{CONTROL} -k sensors",
+    ),
+    Mutant(
         "multiplier: ties are not to even", "hdl/ukf_hdl/arithmetic/float_multiplier.py",
         "round_up.eq(total[low] & (total[low + 1] | sticky))",
         "round_up.eq(total[low])",
