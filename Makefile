@@ -25,14 +25,14 @@ install: $(STAMP) ## Make the environment in .venv
 
 demo: $(STAMP) ## Generate the core with 2 PEs; run 1.5 s of the nanosatellite on it (1 to 2 minutes)
 	@echo "Generating the core, then compiling it and simulating 1.5 s of flight: 1 to 2 minutes on 2 cores"
-	$(BIN)/ukf generate --config nanosat --pes 2 --output build/demo/core
-	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1500 --plot build/demo/attitude.png
+	$(BIN)/ukf generate --problem nanosat --pes 2 --output build/demo/core
+	$(BIN)/ukf c-loop --problem nanosat --pes 2 --steps 1500 --plot build/demo/attitude.png
 	@echo
 	@echo "A satellite's attitude was estimated 1000 times a second by the generated Verilog in build/demo/core,"
 	@echo "clock by clock, driven by the C code that a board would run; every bit equals the golden model's."
 	@echo "What next:"
 	@echo "  look at build/demo/attitude.png, the errors and the filter's own 3 standard deviations"
-	@echo "  choose a core: ukf latency --config nanosat --pes 10, and docs/design-space.md"
+	@echo "  choose a core: ukf latency --problem nanosat --pes 10, and docs/design-space.md"
 	@echo "  bring your own filter: ukf new my-filter, and docs/own-model.md"
 
 test: $(STAMP) ## Run all tests but the exhaustive ones
@@ -44,8 +44,8 @@ test-fast: $(STAMP) ## Run the tests that compile nothing
 test-slow: $(STAMP) ## Run everything, the exhaustive tests included
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
-cosim: $(STAMP) ## Co-simulate; OPTIONS="--config nanosat --pes 2 ..."
-	$(BIN)/ukf cosim $(or $(OPTIONS),--config nanosat --pes 2)
+cosim: $(STAMP) ## Co-simulate; OPTIONS="--problem nanosat --pes 2 ..."
+	$(BIN)/ukf cosim $(or $(OPTIONS),--problem nanosat --pes 2)
 
 apps: $(STAMP) ## Run every application, and co-simulate some steps of each
 	$(BIN)/ukf apps all --cosim-steps 30 --workers $(JOBS)
@@ -64,8 +64,8 @@ resources: $(STAMP) ## Synthesise for 7-series and note the resources for the RE
 	$(BIN)/python -m ukf_docs measure resources
 
 package-check: $(STAMP) ## Package the core for both boards, and check the scripts
-	$(BIN)/ukf package --config nanosat --pes 2 --board zedboard --output build/package/zedboard
-	$(BIN)/ukf package --config nanosat --pes 2 --board pynq-z2 --output build/package/pynq-z2
+	$(BIN)/ukf package --problem nanosat --pes 2 --board zedboard --output build/package/zedboard
+	$(BIN)/ukf package --problem nanosat --pes 2 --board pynq-z2 --output build/package/pynq-z2
 
 fusesoc: $(STAMP) ## Lint and simulate the core through FuseSoC
 	$(BIN)/python tools/fusesoc/run.py run --build-root build/fusesoc --target=lint ukf::ukf_core
@@ -77,7 +77,7 @@ build/armhf:
 baseline: $(STAMP) build/armhf ## Compare with the filter wholly in software on a Cortex-A9
 	$(BIN)/python -m ukf_docs measure baseline
 
-SWEEP := --config nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat
+SWEEP := --problem nanosat --pes 1,2,4,5,8,10,11,16,22 --form square-root,covariance --accuracy nanosat
 sweep: $(STAMP) ## Sweep processing elements and forms with synthesis; resumes, OPTIONS=... for another
 	$(BIN)/ukf sweep $(or $(OPTIONS),$(SWEEP))
 
@@ -119,13 +119,13 @@ zynq-tools: # Debian's packages that are missing: installed by root, else named
 	else echo "These Debian packages are missing; what needs them is skipped:" $$missing; fi
 
 zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated ARM
-	$(BIN)/ukf generate --config nanosat --pes 2 --output build/zynq/core
-	$(BIN)/ukf export --config nanosat --steps 1000 --output build/zynq/data
+	$(BIN)/ukf generate --problem nanosat --pes 2 --output build/zynq/core
+	$(BIN)/ukf export --problem nanosat --steps 1000 --output build/zynq/data
 	$(BIN)/python -m pytest tests/hdl/test_interfaces.py tests/system/test_c_driver.py \
 		tests/system/test_c_ports.py tests/system/test_c_programs.py tests/system/test_c_loop.py -m "not slow"
-	$(BIN)/ukf c-loop --config nanosat --pes 2 --steps 1000 --beside-cocotb 30
+	$(BIN)/ukf c-loop --problem nanosat --pes 2 --steps 1000 --beside-cocotb 30
 	@if command -v arm-linux-gnueabihf-gcc >/dev/null && command -v qemu-arm >/dev/null; then \
-		$(BIN)/ukf c-arm --config nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
+		$(BIN)/ukf c-arm --problem nanosat --pes 2 --steps 1000 --output build/zynq/arm; \
 	else echo "No arm-linux-gnueabihf-gcc or qemu-arm here: the ARM part is skipped"; fi
 
 check: $(STAMP) ## All that continuous integration runs: lint, types, docs, test, wheel-check

@@ -8,6 +8,7 @@ from typing import Any
 
 from ukf_docs import DOCS
 from ukf_docs.markdown import table, thousands
+from ukf_sw.drivers.driver import Traffic
 
 __all__ = ["DOCUMENT", "SECTIONS", "copy_figures", "read", "sections"]
 
@@ -110,8 +111,7 @@ def _cosimulations(records: list[dict[str, Any]]) -> str:
     for record in records:
         if record["backend"] != "cosim":
             continue
-        cycles, traffic = record["cycles"], record["traffic"]
-        words = traffic["words_read"] + traffic["words_written"]
+        cycles, words = record["cycles"], Traffic(**record["traffic"]).words
         equal = thousands(record["words_compared"]) if record["okay"] else "**differs**"
         rows.append((
             record["name"], record["pes"], record["steps"], equal,

@@ -29,6 +29,7 @@ from ukf_sw.extras import MissingExtraError
 from ukf_sw.folders import check_file, replacing
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.judging import judge
+from ukf_sw.problems.logs import LogFiles
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import Run, run
 
@@ -44,10 +45,15 @@ def _parser() -> argparse.ArgumentParser:
         help="reference, golden, cosim, uio:NUMBER_NAME_OR_ADDRESS, pynq:ADDRESS[,INTERRUPT_PIN]",
     )  # fmt: skip
     parser.add_argument(
-        "--config", default="nanosat", choices=sorted(CATALOGUE), metavar="NAME",
-        help=f"an entry of the catalogue: {', '.join(CATALOGUE)}",
+        "--problem", default="nanosat", metavar="NAME",
+        help=f"{', '.join(CATALOGUE)}, or MODULE:ATTRIBUTE, as strut.model:problem",
     )  # fmt: skip
-    parser.add_argument("--pes", type=int, default=1, help="of a model; a core says its own")
+    parser.add_argument(
+        "--data", action="append", metavar="FILE",
+        help="log in the place of the problem's data, CSV; several as gps=gps.csv",
+    )  # fmt: skip
+    parser.add_argument("--pes", type=int, help="of a model, by default the problem's; a core "
+                        "says its own")  # fmt: skip
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the estimates, .npz")
@@ -94,7 +100,7 @@ def _load(file: Path) -> dict[str, Any]:
         with np.load(BytesIO(file.read_bytes()), allow_pickle=False) as contents:
             saved: dict[str, Any] = {name: contents[name] for name in contents}
         x = saved.pop("x")
-        about = {name: saved[name].item() for name in ("config", "seed", "pes")}
+        about = {name: saved[name].item() for name in ("problem", "seed", "pes")}
     except Exception as error:  # NumPy and zipfile raise all kinds of a file that is damaged
         raise ValueError(f"{wrong} ({type(error).__name__}: {error})") from error
     if x.dtype != np.float64 or x.ndim != 2:
@@ -108,13 +114,18 @@ def _print(found: Run, reference: Run, backend: object, seconds: float) -> None:
     if isinstance(backend, Driver):
         traffic = backend.traffic
         print(
-            f"{backend.pes} PEs; {traffic.words} words of the buffer and "
-            f"{traffic.control_reads + traffic.control_writes} of the registers in all"
+            f"{backend.pes} PEs; {traffic.words} words of numbers and starts, and "
+            f"{traffic.register_words} of the registers in all"
         )
         for step, cycles in backend.last_cycles.items():
             print(f"  {step}: {cycles} clocks of the core")
     judged = judge(found, reference)
     after = "" if judged.since is None else f" after {judged.since:g} s"
+    for sensor in judged.sensors:
+        print(
+            f"  {sensor.name}: {sensor.updates} updates, mean NIS {sensor.nis:.4g} with "
+            f"{sensor.rows:.4g} rows"
+        )
     for error in judged.as_dict()["errors"]:
         print(
             f"  rms of {error['error']}{after}: {error['rms']:.6g} {error['unit']}, "
@@ -142,7 +153,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.save is not None:
             check_file("--save", options.save, (".npz",))
         saved = None if options.compare is None else _load(options.compare)
-        recipe = Recipe.of(options.config, seed=options.seed, pes=options.pes)
+        logs = None if options.data is None else LogFiles.of(options.data)
+        chosen = {} if options.pes is None else {"pes": options.pes}
+        recipe = Recipe.of(options.problem, seed=options.seed, logs=logs, **chosen)
         problem = recipe.scenario(options.steps)
         backend = make_backend(options.backend, problem.params)
         if isinstance(backend, Driver):
@@ -158,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     _print(found, run(problem, "reference"), backend, seconds)
     pes = backend.pes if isinstance(backend, Driver) else 0
-    about: dict[str, Any] = {"config": options.config, "seed": options.seed, "pes": pes}
+    about: dict[str, Any] = {"problem": options.problem, "seed": options.seed, "pes": pes}
     if options.save is not None:
         try:
             options.save.parent.mkdir(parents=True, exist_ok=True)

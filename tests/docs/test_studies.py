@@ -27,11 +27,11 @@ def test_filterpy_solves_the_same_problem():
 
 def test_growth_is_studied_over_all_states_and_elements():
     points = growth.points()
-    assert len(points) == len({(point.configuration, point.core) for point in points})
-    cores = [point.core.params for point in points if point.configuration is None]
+    assert len(points) == len({(point.problem, point.core) for point in points})
+    cores = [point.core.params for point in points if point.problem is None]
     expected = {(n, n, pes, form) for n in range(4, 32) for pes in (2, 8) for form in Form}
     assert {(core.n, core.q, core.pes, core.form) for core in cores} == expected
-    nanosat = [point.core.params for point in points if point.configuration == "nanosat"]
+    nanosat = [point.core.params for point in points if point.problem == "nanosat"]
     assert {(core.pes, core.form) for core in nanosat} == {
         (pes, form) for pes in range(1, 23) for form in Form
     }

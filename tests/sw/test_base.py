@@ -163,7 +163,7 @@ def test_the_emulated_core_is_the_golden_model_bit_for_bit(seed):
 def test_a_board_without_extras_gives_the_bits_of_the_golden_model(tmp_path, capsys):
     pytest.importorskip("numba")
     file = str(tmp_path / "board.npz")
-    common = ["--config", "nanosat-additive", "--steps", "3", "--pes", "10"]
+    common = ["--problem", "nanosat-additive", "--steps", "3", "--pes", "10"]
     assert run_on_emulated_board([*common, "--save", file]) == 0
     assert main([*common, "--compare", file]) == 0
     assert "bit for bit" in capsys.readouterr().out

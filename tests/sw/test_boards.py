@@ -342,7 +342,7 @@ def test_other_packages_add_backends(monkeypatch):
 
 def test_board_command_saves_and_compares(tmp_path, capsys):
     file = tmp_path / "absent" / "saved.npz"
-    common = ["--config", "nanosat-additive", "--steps", "2", "--pes", "10"]
+    common = ["--problem", "nanosat-additive", "--steps", "2", "--pes", "10"]
     assert run_on_emulated_board([*common, "--save", str(file)]) == 0
     assert run_on_emulated_board([*common, "--compare", str(file)]) == 0
     out = capsys.readouterr().out
@@ -377,7 +377,7 @@ def test_board_command_saves_and_compares(tmp_path, capsys):
         (("--compare", "objects.npz"), "--compare must be a file that --save wrote, not 'obj"),
         (("--compare", "floats.npz"), "(x must be of float64 and 2 dimensions)"),
         (("--compare", "."), "--compare must be a file that --save wrote, not '.'"),
-        (("--config", "ctrv", "--seed", "3"), "seed must be 0 for ctrv, which is a record, not 3"),
+        (("--problem", "ctrv", "--seed", "3"), "seed must be 0 for ctrv, which is a record, not 3"),
     ],
 )
 def test_board_command_judges_files_before_it_runs(
@@ -388,7 +388,7 @@ def test_board_command_judges_files_before_it_runs(
     np.savez(tmp_path / "other.npz", y=np.zeros(3))
     with (tmp_path / "array.npz").open("wb") as file:
         np.save(file, np.zeros(3))
-    about = {"config": "nanosat", "seed": 0, "pes": 1}
+    about = {"problem": "nanosat", "seed": 0, "pes": 1}
     np.savez(tmp_path / "objects.npz", x=np.array([{}]), **about)
     np.savez(tmp_path / "floats.npz", x=np.zeros((2, 7), np.float32), **about)
     monkeypatch.setattr("ukf_sw.board.run", None)
@@ -400,7 +400,7 @@ def test_no_flipped_bit_of_a_saved_run_is_compared(tmp_path, monkeypatch, capsys
     """It is refused, or at least not equal."""
     monkeypatch.setattr("ukf_sw.board._print", lambda *arguments: None)
     file = tmp_path / "saved.npz"
-    common = ["--backend", "reference", "--config", "pendulum", "--steps", "3"]
+    common = ["--backend", "reference", "--problem", "pendulum", "--steps", "3"]
     assert main([*common, "--save", str(file)]) == 0
     original = file.read_bytes()
     assert [path.name for path in tmp_path.iterdir()] == ["saved.npz"]

@@ -238,12 +238,14 @@ def test_traffic_of_the_nanosatellite(noise, read, written):
         driver.state()
         traffic = driver.traffic - before
         assert (traffic.words_read, traffic.words_written) == (read, written)
-        assert traffic.words == (362 if noise == {} else 193)
+        assert traffic.words == (365 if noise == {} else 196)
         assert len(bus.reads) - reads == traffic.words_read + traffic.control_reads
-        assert len(bus.writes) - writes == traffic.words_written + traffic.control_writes
+        assert len(bus.writes) - writes == (
+            traffic.words_written + traffic.control_writes + traffic.starts
+        )
     # Three steps: start, STATUS and ERROR of each; NIS. The mask is written only once.
     assert traffic == Traffic(
-        words_read=read, words_written=written, control_reads=7, control_writes=3
+        words_read=read, words_written=written, starts=3, control_reads=7, control_writes=0
     )
 
 

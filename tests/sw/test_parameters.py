@@ -253,7 +253,7 @@ def test_titles():
     assert core.title_without("pes", "W0", "n") == (
         "m = 1, q = 1, r = 0, observation noise additive, square-root form, float6.17, add stages 3"
     )
-    named = Core(params=NANOSAT, configuration="nanosat")
+    named = Core(params=NANOSAT, problem="nanosat")
     assert named.title == "nanosat, square-root form, binary32, 1 PE"
     assert named.stem == "nanosat-square-root-form-binary32-1-pe"
     assert "multiply stages 2" in named.description

@@ -11,7 +11,8 @@ from ukf_sw.backends import golden_driver, make_backend
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.errors import BusError, NotFiniteError, StepError, UkfError
 from ukf_sw.golden import GoldenBus, GoldenCore
-from ukf_sw.problems.catalogue import CATALOGUE, find
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.finding import find
 from ukf_sw.problems.judging import Bound, judge
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import Estimates, Run, Stop, run
@@ -209,7 +210,7 @@ def test_entries_say_the_parameters_of_their_core(name):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Recipe.of("moon"), r"^name must be one of nanosat, .*, not 'moon'$"),
+        (lambda: Recipe.of("moon"), r"^problem must be one of nanosat, .*, not 'moon'$"),
         (lambda: find("moon", "NAME"), r"^NAME must be one of nanosat, .*, not 'moon'$"),
         (
             lambda: Recipe(name="nanosat", params=TINY),
@@ -230,9 +231,12 @@ def test_a_scenario_without_truth_can_be_run_but_not_judged():
     found = run(scenario)
     assert np.isfinite(found.x).all()
     message = r"^the problem 'pendulum' must have truth, not None, to have errors: it can be run"
-    for judge_it in (lambda: found.errors, lambda: judge(found).rms):
-        with pytest.raises(ValueError, match=message):
-            judge_it()
+    with pytest.raises(ValueError, match=message):
+        _ = found.errors
+    judged = judge(found)
+    assert (judged.steps, judged.errors, judged.rms_ratio) == (3, (), None)
+    with pytest.raises(ValueError, match=r"^problem must have truth, not None, for errors"):
+        _ = judged.rms
 
 
 def test_the_estimate_after_an_error_that_leaves_a_doubt_is_that_before_it():

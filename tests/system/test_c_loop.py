@@ -271,7 +271,7 @@ def test_the_plot_says_when_the_error_is_below_its_line(tmp_path):
 def test_export_command(tmp_path):
     result = CliRunner().invoke(
         app,
-        ["export", "--config", "nanosat-additive", "--steps", "2", "--output", str(tmp_path),
+        ["export", "--problem", "nanosat-additive", "--steps", "2", "--output", str(tmp_path),
          "--json"],
     )  # fmt: skip
     assert result.exit_code == 0, result.output
@@ -286,11 +286,11 @@ def test_export_complains(tmp_path):
     file = tmp_path / "file"
     file.write_text("")
     result = CliRunner().invoke(
-        app, ["export", "--config", "nanosat", "--steps", "2", "--output", str(file)]
+        app, ["export", "--problem", "nanosat", "--steps", "2", "--output", str(file)]
     )
     assert result.exit_code == 2
     assert "--output must be a folder" in result.output
     result = CliRunner().invoke(app, ["c-loop", "--n", "2", "--m", "1"])
     assert result.exit_code == 2
-    assert "--config must be one of nanosat, " in result.output
+    assert "--problem must be one of nanosat, " in result.output
     assert "whose models are in C, not None" in result.output

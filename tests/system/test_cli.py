@@ -66,7 +66,7 @@ def test_interrupt_while_the_command_is_loaded(ignored):
 
 def test_commands_have_the_same_options_of_a_core():
     commands = get_command(app).commands
-    expected = {"configuration", *PARAMETERS}
+    expected = {"problem", *PARAMETERS}
     for name in ("generate", "latency", "cosim", "run", "resources", "timing", "sweep", "package",
                  "testbench", "export", "c-loop", "c-arm", "disassemble"):  # fmt: skip
         options = {option.name: option.opts for option in commands[name].params}
@@ -87,7 +87,7 @@ def test_help_names_the_commands(ukf):
 @pytest.mark.parametrize("form", list(Form))
 def test_latency(ukf, form):
     record = json.loads(
-        ukf("latency", "--config", "nanosat", "--pes", 10, "--form", form.value, "--json").stdout
+        ukf("latency", "--problem", "nanosat", "--pes", 10, "--form", form.value, "--json").stdout
     )
     params = UkfParams(n=7, m=6, q=7, r=6, pes=10, form=form)
     code = microcode(params, Pipeline())
@@ -100,7 +100,7 @@ def test_latency(ukf, form):
 
 
 def test_latency_for_people(ukf):
-    text = ukf("latency", "--config", "nanosat").stdout
+    text = ukf("latency", "--problem", "nanosat").stdout
     clocks = microcode(NANOSAT, Pipeline()).clocks(Program.UPDATE)
     assert "UPDATE" in text
     assert str(clocks) in text
@@ -119,13 +119,13 @@ def test_latency_depends_on_the_pipeline(ukf):
     ("pes", "limit"), [(1, 6000), (2, 3200), (5, 1650), (10, 1200), (22, 1000)]
 )
 def test_square_root_form_is_fast_enough(ukf, pes, limit):
-    options = ("--config", "nanosat", "--pes", pes, "--json")
+    options = ("--problem", "nanosat", "--pes", pes, "--json")
     assert json.loads(ukf("latency", *options).stdout)["total"] <= limit
 
 
 @pytest.mark.parametrize(("pes", "limit"), [(1, 4200), (2, 2200), (5, 1200), (10, 900)])
 def test_covariance_form_is_fast_enough(ukf, pes, limit):
-    options = ("--config", "nanosat", "--pes", pes, "--form", "covariance", "--json")
+    options = ("--problem", "nanosat", "--pes", pes, "--form", "covariance", "--json")
     assert json.loads(ukf("latency", *options).stdout)["total"] <= limit
 
 
@@ -214,7 +214,7 @@ def test_generate_takes_every_option(ukf, tmp_path):
 @pytest.mark.parametrize("backend", ["golden", "reference"])
 def test_run(ukf, tmp_path, backend):
     record = json.loads(
-        ukf("run", "--config", "nanosat-2014", "--backend", backend, "--steps", 1200, "--json")
+        ukf("run", "--problem", "nanosat-2014", "--backend", backend, "--steps", 1200, "--json")
         .stdout
     )  # fmt: skip
     (run,) = record["runs"]
@@ -235,7 +235,7 @@ def test_run(ukf, tmp_path, backend):
 
 def test_run_reports_where_the_core_stopped(ukf):
     """Covariance form with a large P0, in binary32: the first bad pivot, and no NaN."""
-    core = ("--config", "nanosat-2014", "--form", "covariance", "--pes", 2)
+    core = ("--problem", "nanosat-2014", "--form", "covariance", "--pes", 2)
     options = ("run", *core, "--p0", 100, "--steps", 50)
     (record,) = json.loads(ukf(*options, "--json", code=1).stdout)["runs"]
     stopped = record["stopped"]
@@ -251,15 +251,15 @@ def test_run_reports_where_the_core_stopped(ukf):
 
 def test_run_takes_sizes(ukf):
     record = json.loads(ukf("run", *TINY, "--steps", 40, "--seed", 5, "--json").stdout)
-    assert record["configuration"] is None
+    assert record["problem"] is None
     assert [error["error"] for error in record["accuracy"]["errors"]] == ["x0", "x1"]
     assert record["accuracy"]["limit"] is None
 
 
 def test_run_takes_any_system_of_the_catalogue(ukf, tmp_path):
-    options = ("run", "--config", "ctrv", "--steps", 40, "--pes", 3)
+    options = ("run", "--problem", "ctrv", "--steps", 40, "--pes", 3)
     record = json.loads(ukf(*options, "--json").stdout)
-    assert (record["configuration"], record["parameters"]["pes"]) == ("ctrv", 3)
+    assert (record["problem"], record["parameters"]["pes"]) == ("ctrv", 3)
     names = [error["error"] for error in record["accuracy"]["errors"]]
     assert names == ["x", "y", "velocity x", "velocity y"]
     assert record["accuracy"]["reference"]["rms_ratio"] == pytest.approx(1.0, abs=0.01)
@@ -278,7 +278,7 @@ def test_seed_changes_the_data(ukf):
 
 
 def test_runs_are_judged_together(ukf):
-    options = ("run", "--config", "nanosat", "--steps", 1100, "--runs", 2, "--seed", 3)
+    options = ("run", "--problem", "nanosat", "--steps", 1100, "--runs", 2, "--seed", 3)
     record = json.loads(ukf(*options, "--json").stdout)
     first, second = (run["accuracy"] for run in record["runs"])
     assert [run["seed"] for run in record["runs"]] == [3, 4]
@@ -312,7 +312,7 @@ def test_cosim(ukf, tmp_path, core_cache, mode):
     assert record["cycles"]["steps"] == record["cycles"]["predicted"]
     assert record["cycles"]["steps"]["UPDATE"] == code.clocks(Program.UPDATE)
     # n (n + 2) + n read, n N + m N + m written.
-    assert record["bus"]["words_per_iteration"] == 2 * 4 + 2 + 2 * 6 + 1 * 6 + 1
+    assert record["bus"]["words_per_iteration"] == 2 * 4 + 2 + 2 * 6 + 1 * 6 + 1 + 3
     assert record["iterations_per_second"] > 0
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
 
@@ -320,7 +320,7 @@ def test_cosim(ukf, tmp_path, core_cache, mode):
 @pytest.mark.system
 def test_cosim_for_people(ukf, core_cache):
     text = ukf("cosim", *TINY, "--steps", 2, "--cache", core_cache, "--plot", "errors.png").stdout
-    for words in ("Bit-exact", "Bus words per iteration: 29", "Plot: errors.png", "UPDATE"):
+    for words in ("Bit-exact", "Bus words per iteration: 32", "Plot: errors.png", "UPDATE"):
         assert words in text
 
 
@@ -345,16 +345,16 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("latency", "--config", "cubesat"), "--config must be one of nanosat, "),
-        (("latency",), "--config, or at least --n and --m, must be given"),
-        (("latency", "--n", 3), "--config, or at least --n and --m, must be given"),
-        (("latency", "--config", "nanosat", "--n", 3), "give it or them, not both"),
-        (("latency", "--config", "nanosat", "--process-noise", "additive"), "not both"),
+        (("latency", "--problem", "cubesat"), "--problem must be one of nanosat, "),
+        (("latency",), "--problem, or at least --n and --m, must be given"),
+        (("latency", "--n", 3), "--problem, or at least --n and --m, must be given"),
+        (("latency", "--problem", "nanosat", "--n", 3), "give it or them, not both"),
+        (("latency", "--problem", "nanosat", "--process-noise", "additive"), "not both"),
         (
-            ("latency", "--config", "nanosat", "--pes", 23),
+            ("latency", "--problem", "nanosat", "--pes", 23),
             "pes must be between 1 and the number of columns, 22",
         ),
-        (("latency", "--config", "nanosat", "--pes", 0), "--pes must be at least 1, not 0"),
+        (("latency", "--problem", "nanosat", "--pes", 0), "--pes must be at least 1, not 0"),
         (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),
         (("latency", "--n", 2, "--m", 1, "--w0", 1.5), "--w0 must be at least 0 and less than 1"),
         (
@@ -373,29 +373,38 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
             "--q must be 0",
         ),
         (
-            ("run", "--config", "nanosat", "--steps", 100_001),
+            ("run", "--problem", "nanosat", "--steps", 100_001),
             "--steps must be between 1 and 1",
         ),
-        (("run", "--config", "nanosat", "--steps", 0), "--steps must be at least 1, not 0"),
-        (("run", "--config", "nanosat", "--backend", "gpu"), "--backend must be one of reference,"),
-        (("c-loop", "--config", "pendulum"), "--config must be one of nanosat, nanosat-additive,"),
+        (("run", "--problem", "nanosat", "--steps", 0), "--steps must be at least 1, not 0"),
+        (
+            ("run", "--problem", "nanosat", "--backend", "gpu"),
+            "--backend must be one of reference,",
+        ),
+        (
+            ("c-loop", "--problem", "pendulum"),
+            "--problem must be one of nanosat, nanosat-additive,",
+        ),
         (("c-arm", "--n", 2, "--m", 1), "whose models are in C, not None"),
         (
-            ("disassemble", "--config", "nanosat", "--program", "draw"),
+            ("disassemble", "--problem", "nanosat", "--program", "draw"),
             "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, not 'draw'",
         ),
-        (("run", "--config", "nanosat", "--p0", -1), "--p0 must be more than 0"),
+        (("run", "--problem", "nanosat", "--p0", -1), "--p0 must be more than 0"),
         (("run", "--n", 2, "--m", 1, "--p0", 0), "--p0 must be more than 0"),
         (
-            ("cosim", "--config", "nanosat", "--simulator", "spice"),
+            ("cosim", "--problem", "nanosat", "--simulator", "spice"),
             "--simulator: 'spice'",
         ),
         (
-            ("cosim", "--config", "nanosat", "--bus-latency", -1),
+            ("cosim", "--problem", "nanosat", "--bus-latency", -1),
             "--bus-latency must be at least",
         ),
-        (("cosim", "--config", "nanosat", "--bus-latency", "inf"), "--bus-latency must be at most"),
-        (("c-loop", "--config", "nanosat", "--bus-latency", "nan"), "--bus-latency must be at"),
+        (
+            ("cosim", "--problem", "nanosat", "--bus-latency", "inf"),
+            "--bus-latency must be at most",
+        ),
+        (("c-loop", "--problem", "nanosat", "--bus-latency", "nan"), "--bus-latency must be at"),
         (("sweep", "--n", "3-1", "--m", 1), "--n must have ranges that rise, like 4-6, not '3-1'"),
         (("sweep", "--n", 2, "--m", 1, "--clock-mhz", 0), "--clock-mhz must be more than 0, not 0"),
         (("sweep", "--n", 2, "--m", 1, "--multiply-stages", "1-9"), "--multiply-stages must be"),
@@ -462,12 +471,12 @@ def test_place_of_the_plot_is_judged_also_if_it_is_the_default(ukf, tmp_path, co
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("run", "--config", "ctrv", "--seed", 3), "--seed must be 0 for ctrv, which is a record"),
-        (("run", "--config", "ctrv", "--runs", 2), "--runs must be 1 for ctrv, which is a record"),
-        (("cosim", "--config", "recorded-imu", "--seed", 3), "--seed must be 0 for recorded-imu"),
+        (("run", "--problem", "ctrv", "--seed", 3), "--seed must be 0 for ctrv, which is a record"),
+        (("run", "--problem", "ctrv", "--runs", 2), "--runs must be 1 for ctrv, which is a record"),
+        (("cosim", "--problem", "recorded-imu", "--seed", 3), "--seed must be 0 for recorded-imu"),
         (("apps", "run", "ctrv-masked", "--seed", 3), "--seed must be 0 for ctrv-masked"),
-        (("export", "--config", "ctrv", "--seed", 1), "--seed must be 0 for ctrv"),
-        (("sweep", "--config", "ctrv", "--accuracy", "ctrv", "--seed", 1), "--seed must be 0 for"),
+        (("export", "--problem", "ctrv", "--seed", 1), "--seed must be 0 for ctrv"),
+        (("sweep", "--problem", "ctrv", "--accuracy", "ctrv", "--seed", 1), "--seed must be 0 for"),
     ],
 )
 def test_records_have_no_seed(ukf, arguments, message):
@@ -481,16 +490,16 @@ def test_records_have_no_seed(ukf, arguments, message):
     ("arguments", "message"),
     [
         (
-            ("run", "--config", "nanosat", "--backend", "cosim"),
+            ("run", "--problem", "nanosat", "--backend", "cosim"),
             "c++, which verilator needs, is not",
         ),
-        (("run", "--config", "nanosat", "--backend", "cosim:icarus"), "icarus is not installed"),
-        (("run", "--config", "nanosat", "--backend", "uio:99"), "/dev/uio99: no such UIO device"),
-        (("cosim", "--config", "nanosat", "--simulator", "icarus"), "icarus is not installed"),
+        (("run", "--problem", "nanosat", "--backend", "cosim:icarus"), "icarus is not installed"),
+        (("run", "--problem", "nanosat", "--backend", "uio:99"), "/dev/uio99: no such UIO device"),
+        (("cosim", "--problem", "nanosat", "--simulator", "icarus"), "icarus is not installed"),
         (("apps", "run", "nanosat", "--backend", "cosim"), "c++, which verilator needs"),
         (("apps", "all", "--cosim-steps", 1), "c++, which verilator needs, is not installed"),
-        (("c-loop", "--config", "nanosat"), "cc is not installed"),
-        (("c-arm", "--config", "nanosat"), "qemu-arm is not installed"),
+        (("c-loop", "--problem", "nanosat"), "cc is not installed"),
+        (("c-arm", "--problem", "nanosat"), "qemu-arm is not installed"),
         (("baseline",), "arm-linux-gnueabihf-gcc is not installed"),
     ],
 )

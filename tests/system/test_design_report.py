@@ -27,19 +27,20 @@ from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
 from ukf_tools.estimate import ecp5, series7
 from ukf_tools.estimate.latency import latency
 
-NANOSAT_CORE = Core(params=NANOSAT, configuration="nanosat")
+NANOSAT_CORE = Core(params=NANOSAT, problem="nanosat")
 
 
 def row(point, *, cycles, lut, ratio=1.0, stopped=None):
     """Row of figures that are made up."""
     found = {
         "schedule": {
-            "steps": {"PREDICT": cycles // 4, "UPDATE": cycles - cycles // 4},
+            "steps": {"PREDICT": cycles // 4, "SIG_GEN": 0, "UPDATE": cycles - cycles // 4},
             "total": cycles,
             "programs": {"SIG_GEN": 50, "SIG_GEN_PREDICTED": 60, "INIT": 70, "COVARIANCE": 80},
         },
         "traffic": {
-            "words_read": 70, "words_written": 292, "control_reads": 7, "control_writes": 3
+            "words_read": 70, "words_written": 292, "starts": 3, "control_reads": 7,
+            "control_writes": 0,
         },
         "resources": {
             "cells": {"LUT6": lut, "FDRE": lut // 2, "RAMB36E1": 5,
@@ -315,7 +316,7 @@ def test_sweep_and_report(ukf, tmp_path):
     assert record["computed"] == 6
     for point in record["points"]:
         params = UkfParams(n=point["n"], m=1, q=point["q"], r=1, pes=point["pes"])
-        assert point["cycles"] == latency(params, Pipeline())["total"]
+        assert point["cycles"] == latency(params, Pipeline(), redraws=False)["total"]
         assert list(point) == list(COLUMNS)
     text = ukf("sweep", *small).stdout
     assert "0 results computed, 6 known before, 0 failed" in text
@@ -335,25 +336,25 @@ def test_sweep_with_a_bad_point(ukf):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((), "--config, or at least --n and --m, must be given"),
-        (("--config", "moon"), "--config must be one of nanosat, "),
-        (("--config", "nanosat", "--n", "3"), "--config says sizes and noises already"),
-        (("--config", "nanosat", "--pes", "1,,2"), "--pes must be a list like a,b, not '1,,2'"),
-        (("--config", "nanosat", "--pes", "x"), "--pes must be a list like 1,2,4-6, not 'x'"),
+        ((), "--problem, or at least --n and --m, must be given"),
+        (("--problem", "moon"), "--problem must be one of nanosat, "),
+        (("--problem", "nanosat", "--n", "3"), "--problem says sizes and noises already"),
+        (("--problem", "nanosat", "--pes", "1,,2"), "--pes must be a list like a,b, not '1,,2'"),
+        (("--problem", "nanosat", "--pes", "x"), "--pes must be a list like 1,2,4-6, not 'x'"),
         (
-            ("--config", "nanosat", "--pes", "3-1"),
+            ("--problem", "nanosat", "--pes", "3-1"),
             "--pes must have ranges that rise, like 4-6, not '3-1'",
         ),
         (
-            ("--config", "nanosat", "--form", "round"),
+            ("--problem", "nanosat", "--form", "round"),
             "--form must be one of square-root, covariance, not 'round'",
         ),
-        (("--config", "nanosat", "--format", "x"), "--format must be one of"),
-        (("--config", "nanosat", "--accuracy", "x"), "--accuracy must be one of nanosat"),
-        (("--config", "nanosat", "--accuracy", "pendulum"), "--accuracy must have the sizes"),
-        (("--config", "nanosat", "--clock-mhz", "0"), "--clock-mhz must be more than 0, not 0"),
+        (("--problem", "nanosat", "--format", "x"), "--format must be one of"),
+        (("--problem", "nanosat", "--accuracy", "x"), "--accuracy must be one of nanosat"),
+        (("--problem", "nanosat", "--accuracy", "pendulum"), "--accuracy must have the sizes"),
+        (("--problem", "nanosat", "--clock-mhz", "0"), "--clock-mhz must be more than 0, not 0"),
         (
-            ("--config", "nanosat", "--add-stages", "9"),
+            ("--problem", "nanosat", "--add-stages", "9"),
             "--add-stages must be between 1 and 8, not 9",
         ),
     ],

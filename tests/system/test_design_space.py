@@ -7,14 +7,16 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import Enum
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ukf_sw.drivers.driver import Traffic
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.core import PARAMETERS, Core
@@ -39,7 +41,7 @@ from ukf_tools.design_space.parts import (
     TrafficPart,
 )
 from ukf_tools.design_space.points import Point, grid
-from ukf_tools.design_space.rows import COLUMNS, Conditions
+from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
 from ukf_tools.design_space.sweep import Questions, find, sweep
 from ukf_tools.design_space.table import TableError, read, write
 from ukf_tools.design_space.traffic import count_words
@@ -252,13 +254,13 @@ def test_key_depends_on_everything_but_order():
 
 def test_grid_has_every_combination_once():
     points = grid(
-        [Point.of(Core(params=NANOSAT, configuration="nanosat"))],
+        [Point.of(Core(params=NANOSAT, problem="nanosat"))],
         pes=(1, 2, 1), form=tuple(Form), add_stages=(2, 3),
     )  # fmt: skip
     assert len(points) == 2 * 2 * 2
     cores = [point.core for point in points]
     assert len({(core.params.pes, core.params.form, core.pipeline) for core in cores}) == 8
-    assert {core.configuration for core in cores} == {"nanosat"}
+    assert {core.problem for core in cores} == {"nanosat"}
     # Those that differ in their processing elements only stand side by side.
     assert [core.params.pes for core in cores] == [1, 2] * 4
 
@@ -301,23 +303,54 @@ def test_grid_needs_something_of_everything():
 )
 def test_words_are_those_that_the_models_need(params):
     """n + 2 different points are read; all that the models make of N is written."""
-    found = count_words(params)
+    found = count_words(params, redraws=False)
     n, m, N = params.n, params.m, params.N
     words = params.format.bus_words
     assert found["words_read"] == words * (n * (n + 2) + n)
     assert found["words_written"] == words * (n * N + m * N + m)
     assert found["control_reads"] > 0
-    assert found["control_writes"] == 3
+    assert (found["starts"], found["control_writes"]) == (3, 0)
+
+
+def test_redrawing_is_counted():
+    """The points are read once more, and drawn by a step of its own."""
+    params = UkfParams(
+        n=6, m=3, q=6, r=3, pes=4, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
+    )
+    (once, drawn), (short, long) = (
+        [Traffic(**count_words(params, redraws=redraws)) for redraws in (False, True)],
+        [latency(params, Pipeline(), redraws=redraws) for redraws in (False, True)],
+    )
+    assert (once.words_read + once.words_written, drawn.words_read + drawn.words_written) == (
+        129, 177,
+    )  # fmt: skip
+    assert (short["total"], long["total"]) == (628, 985)
+    programs = short["programs"]
+    assert long["steps"] == {
+        "PREDICT": programs["PREDICT"], "SIG_GEN": programs["SIG_GEN_PREDICTED"],
+        "UPDATE": programs["UPDATE_REDRAWN"],
+    }  # fmt: skip
+    point = Point.of(Core(params=params))
+    found = {"schedule": long, "traffic": asdict(drawn)}
+    row = figures(point, found, {}, Conditions())
+    assert row["redraws"]
+    assert (row["cycles"], row["bus_words"]) == (985, drawn.words)
+    assert row["predict_cycles"] + row["update_cycles"] == 985
+    chosen = figures(replace(point, redraw=False), {}, {}, Conditions())
+    assert not chosen["redraws"]
 
 
 def test_parts_know_what_they_depend_on():
-    schedule = SchedulePart(params=SMALL, pipeline=Pipeline())
+    schedule = SchedulePart(params=SMALL, pipeline=Pipeline(), redraws=False)
     assert schedule.key != replace(schedule, pipeline=Pipeline(add=3)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, pes=2)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, format=BINARY16)).key
-    assert TrafficPart.of(SMALL) == TrafficPart.of(replace(SMALL, pes=2, form=Form.COVARIANCE))
-    assert TrafficPart.of(SMALL) == TrafficPart.of(replace(SMALL, format=BINARY16))
-    assert TrafficPart.of(SMALL).key != TrafficPart.of(replace(SMALL, format=BINARY64)).key
+    assert schedule.key != replace(schedule, redraws=True).key
+    traffic = partial(TrafficPart.of, redraws=False)
+    assert traffic(SMALL) == traffic(replace(SMALL, pes=2, form=Form.COVARIANCE))
+    assert traffic(SMALL) == traffic(replace(SMALL, format=BINARY16))
+    assert traffic(SMALL).key != traffic(replace(SMALL, format=BINARY64)).key
+    assert traffic(SMALL).key != TrafficPart.of(SMALL, redraws=True).key
     recipe = Recipe.of("nanosat")
     accuracy = Accuracy(recipe=recipe, steps=10)
     assert accuracy.key != replace(accuracy, recipe=Recipe.of("nanosat", pes=2)).key
@@ -333,7 +366,7 @@ def test_format_of_other_widths_is_another_part():
     one = FloatFormat(exponent_bits=8, fraction_bits=10)
     other = FloatFormat(exponent_bits=8, fraction_bits=11)
     keys = {
-        SchedulePart(params=replace(SMALL, format=kind), pipeline=Pipeline()).key
+        SchedulePart(params=replace(SMALL, format=kind), pipeline=Pipeline(), redraws=False).key
         for kind in (one, other)
     }
     assert len(keys) == 2
@@ -383,7 +416,7 @@ def test_bad_conditions(arguments, message):
 
 def test_worker_with_other_sources_is_refused():
     """Its result would be kept as if it were of these."""
-    part = SchedulePart(params=SMALL, pipeline=Pipeline())
+    part = SchedulePart(params=SMALL, pipeline=Pipeline(), redraws=False)
     with pytest.raises(RuntimeError, match=r"^workers must have the same sources and tools"):
         perform(part, "0" * 64)
 
@@ -396,10 +429,10 @@ def test_rows_have_the_figures(cache, yosys):
     conditions = Conditions(clock_mhz=50.0, word_clocks=10.0)
     outcome = sweep(points, Questions(conditions=conditions), cache, Here())
     assert outcome.failed == 0
-    words = sum(count_words(SMALL)[name] for name in ("words_read", "words_written"))
+    words = Traffic(**count_words(SMALL, redraws=False)).words
     for pes, row in zip((1, 3), outcome.rows, strict=True):
         assert list(row) == list(COLUMNS)
-        programs = latency(replace(SMALL, pes=pes), Pipeline())["programs"]
+        programs = latency(replace(SMALL, pes=pes), Pipeline(), redraws=False)["programs"]
         assert row["cycles"] == programs["PREDICT"] + programs["UPDATE"]
         assert row["bus_words"] == words
         assert row["core_us"] == row["cycles"] / 50.0
@@ -549,7 +582,10 @@ class Dying(Part):
 
 if __name__ == "__main__":
     base = UkfParams(n=1, m=1)
-    parts = [SchedulePart(params=base, pipeline=Pipeline(add=depth)) for depth in (1, 2, 3)]
+    parts = [
+        SchedulePart(params=base, pipeline=Pipeline(add=depth), redraws=False)
+        for depth in (1, 2, 3)
+    ]
     found = {}
     for part, outcome in LocalExecutor(2).run([Dying(), Failing(), *parts]):
         name = part.kind if part.kind != "schedule" else str(part.pipeline.add)
@@ -567,7 +603,7 @@ def test_process_that_fails_or_dies_costs_its_part_only(tmp_path):
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     expected = {
-        str(depth): latency(UkfParams(n=1, m=1), Pipeline(add=depth))["total"]
+        str(depth): latency(UkfParams(n=1, m=1), Pipeline(add=depth), redraws=False)["total"]
         for depth in (1, 2, 3)
     }
     found = json.loads(result.stdout)
@@ -600,7 +636,7 @@ class Endless(Part):
 
 
 if __name__ == "__main__":
-    quick = SchedulePart(params=UkfParams(n=1, m=1), pipeline=Pipeline())
+    quick = SchedulePart(params=UkfParams(n=1, m=1), pipeline=Pipeline(), redraws=False)
     for part, outcome in LocalExecutor(2).run([Endless(), quick]):
         while not (Path("tool").exists() and Path("tool").read_text()):
             time.sleep(0.05)
@@ -768,7 +804,7 @@ def test_cluster_loses_a_worker(cache, cluster):
     assert killed[0] < 0.5
     assert outcome.failed == 0
     assert [row["cycles"] for row in outcome.rows] == [
-        latency(point.core.params, point.core.pipeline)["total"] for point in points
+        latency(point.core.params, point.core.pipeline, redraws=False)["total"] for point in points
     ]
 
 
@@ -777,7 +813,7 @@ def test_part_that_kills_all_workers_ends(cluster, monkeypatch):
     """Nobody starts the worker again, so what comes after it cannot be computed either."""
     monkeypatch.setattr("ukf_tools.design_space.executors._WORKER_SECONDS", 2.0)
     executor, (_, worker) = cluster(1)
-    parts = [Killing(), SchedulePart(params=SMALL, pipeline=Pipeline())]
+    parts = [Killing(), SchedulePart(params=SMALL, pipeline=Pipeline(), redraws=False)]
     outcomes = dict(executor.run(parts))
     executor.close()
     assert worker.wait() == -signal.SIGKILL
@@ -791,7 +827,7 @@ def test_scheduler_that_is_killed_ends_the_sweep(cluster, cache, monkeypatch):
     monkeypatch.setattr("ukf_tools.design_space.executors._CONNECT_SECONDS", 1.0)
     executor, (scheduler, _) = cluster(1)
     threading.Timer(1.0, scheduler.kill).start()
-    parts = [Sleeping(), SchedulePart(params=SMALL, pipeline=Pipeline())]
+    parts = [Sleeping(), SchedulePart(params=SMALL, pipeline=Pipeline(), redraws=False)]
     outcomes = dict(executor.run(parts))
     executor.close()
     assert outcomes[parts[0]].message == f"the scheduler at {executor._address!r} has gone"

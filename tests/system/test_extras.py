@@ -12,7 +12,7 @@ from ukf_sw.extras import EXTRAS
 from ukf_tools.cli import app, console
 
 SMALL = ["--n", "1", "--m", "1"]
-NANOSAT = ["--config", "nanosat", "--pes", "2"]
+NANOSAT = ["--problem", "nanosat", "--pes", "2"]
 
 #: Arguments of every command, and the extras that it then needs besides `tools`.
 COMMANDS = {
@@ -28,7 +28,7 @@ COMMANDS = {
     "c-loop ": ([*NANOSAT, "--beside-cocotb", "1"], ["hdl", "sim", "golden"]),
     "cosim": (SMALL, ["hdl", "sim", "golden"]),
     "disassemble": (SMALL, []),
-    "export": (["--config", "nanosat", "--steps", "2"], []),
+    "export": (["--problem", "nanosat", "--steps", "2"], []),
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
     "new": (["strut"], []),

@@ -1,21 +1,21 @@
 """Projects that `ukf new` writes: they work as they are, and mistakes are named."""
 
 import ast
-import importlib
 import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+import yaml
 from typer.main import get_command
 
 from ukf_sim.cosimulation import cosimulate
 from ukf_sw.problem import Problem
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.spec.fields import parameters_of
@@ -49,8 +49,7 @@ def test_filter_of_any_size_is_consistent(new, tmp_path, monkeypatch, number):
     name = f"strut_{number}"
     new(name, *options)
     monkeypatch.syspath_prepend(tmp_path / name)
-    data = importlib.import_module(f"{name}.data")
-    scenario = data.scenario(300)
+    scenario = Recipe.of(f"{name}.model:problem").scenario(300)
     assert scenario.params == params
     results = run(scenario)
     nis = results.nis[100:]
@@ -138,26 +137,19 @@ def test_noises_have_the_same_default_everywhere(new, tmp_path):
             assert option.default == parameters_of(UkfParams)[option.name].default
 
 
-def test_report_has_the_units_of_the_errors(new, tmp_path, monkeypatch, capsys):
-    """Also of models that have another one than the strut, or several."""
-    new("strut_units")
-    monkeypatch.syspath_prepend(tmp_path / "strut_units")
-    main = importlib.import_module("strut_units.__main__")
-    data = importlib.import_module("strut_units.data")
-    drawn = []
-
-    class Shown(Figure):
-        def savefig(self, file, **options):
-            drawn.append(self.axes[0])
-            super().savefig(file, **options)
-
-    monkeypatch.setattr(main, "Figure", Shown)
-    found = run(replace(data.scenario(20), error_units=("m", "rad", "m")), ends_at=())
-    main.report(tmp_path / "plot.png", {"one": found, "other": found})
-    assert drawn[0].get_ylabel() == "norm of the error / m"
-    norm = np.linalg.norm(found.errors[:, [0, 2]], axis=1)
-    np.testing.assert_allclose(drawn[0].lines[0].get_ydata(), norm)
-    assert re.search(r"rms error \S+ m, \S+ rad, \S+ m; mean NIS", capsys.readouterr().out)
+def test_workflows_run_the_commands_of_the_makefile(new, tmp_path):
+    """The targets that they make are there, and so is the report that they keep."""
+    new("strut")
+    makefile = (tmp_path / "strut" / "Makefile").read_text()
+    for file in (".github/workflows/test.yml", ".gitlab-ci.yml"):
+        text = (tmp_path / "strut" / file).read_text()
+        jobs = yaml.safe_load(text)
+        assert "jobs" in jobs or "script" in jobs["test"]
+        targets = re.findall(r"make (\w+)", text)
+        assert targets == ["test"]
+        assert all(f"\n{target}:" in makefile for target in targets)
+        (report,) = re.findall(r"build/\S+\.xml", text)
+        assert f"--junitxml={report}" in makefile
 
 
 def test_scenarios_must_be_found_by_the_simulator():
@@ -200,13 +192,16 @@ def test_project_works_as_it_is(new, tmp_path, core_cache):
 
     assert "3 passed" in make("test")
     assert '-m pytest -m "not cosim"' in make("--dry-run", "test-fast")
-    assert "golden model        from 200 s on: rms error" in make("run")
+    tests = ElementTree.parse(project / "build" / "junit.xml").getroot().iter("testcase")
+    assert "test_verilog_is_the_golden_model" in {test.get("name") for test in tests}
+    assert "Errors over 700 steps, from 200 s on" in make("run")
     text = make("cosim")
     assert "Bit-exact: " in text
     assert "UPDATE" in text
+    assert "UPDATE" in make("latency")
     assert "build/rtl/ukf_core.v" in make("generate")
     assert "module ukf_core" in (project / "build" / "rtl" / "ukf_core.v").read_text()
     for image in ("run.png", "cosim.png"):
         assert (project / "build" / image).read_bytes().startswith(b"\x89PNG")
-    for target in ("run", "cosim", "generate", "test", "test-fast", "clean"):
+    for target in ("run", "cosim", "latency", "generate", "test", "test-fast", "clean"):
         assert f"\n{target} " in "\n" + make("help")

@@ -22,9 +22,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
 #: What runs on the golden model here and on an emulated board there.
-BOARD = ["--config", "nanosat-additive", "--pes", "10", "--steps", "5"]
+BOARD = ["--problem", "nanosat-additive", "--pes", "10", "--steps", "5"]
 SMALL = ["--n", "1", "--m", "1"]
-NANOSAT = ["--config", "nanosat", "--pes", "2"]
+NANOSAT = ["--problem", "nanosat", "--pes", "2"]
 BASE_TESTS = ["test_base.py", "test_boards.py"]
 #: What makes root obey permissions; others do.
 GUARD = (
@@ -154,7 +154,7 @@ def check_everything(folder: Path, wheel: Path) -> Path:
     expect("Bit-exact" in text, "the simulated core equals the golden model")
     place.run("ukf", "package", *SMALL, "--board", "pynq-z2", *no_check_without_tcl())
     expect(any((place.work / "build" / "package").rglob("*.tcl")), "package writes scripts")
-    place.run("ukf", "export", "--config", "nanosat", "--steps", "5")
+    place.run("ukf", "export", "--problem", "nanosat", "--steps", "5")
     text = place.run("ukf", "c-loop", *NANOSAT, "--steps", "20")
     expect("Bit-exact" in text, "the C driver on the simulated core equals the golden model")
     place.run("ukf", "resources", *SMALL)

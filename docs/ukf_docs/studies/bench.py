@@ -207,7 +207,7 @@ def _sweep() -> dict[str, float]:
     from ukf_tools.design_space.points import Point, grid
     from ukf_tools.design_space.sweep import Questions, sweep
 
-    nanosat = Point.of(Core(params=NANOSAT, configuration="nanosat"))
+    nanosat = Point.of(Core(params=NANOSAT, problem="nanosat"))
     points = grid([nanosat], pes=range(1, 23), add_stages=(2, 3))
     with tempfile.TemporaryDirectory() as folder:
         cache, executor = Cache(Path(folder)), LocalExecutor()
@@ -229,7 +229,7 @@ def _measure(tell: Tell) -> dict[str, Any]:
             "python": platform.python_version(),
             "load": round(os.getloadavg()[0], 2),
         },
-        "configuration": Core(params=replace(NANOSAT, pes=PES), configuration="nanosat").title,
+        "configuration": Core(params=replace(NANOSAT, pes=PES), problem="nanosat").title,
     }
     jobs: dict[str, Callable[[], Any]] = {
         "models": lambda: _models(STEPS), "first_step": _first_step,

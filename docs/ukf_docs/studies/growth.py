@@ -25,7 +25,7 @@ FIXED_PES = (2, 8)
 
 def points() -> list[Point]:
     """Cores of both studies: states at fixed processing elements, and the other way round."""
-    nanosat = Point.of(Core(params=NANOSAT, configuration="nanosat"))
+    nanosat = Point.of(Core(params=NANOSAT, problem="nanosat"))
     forms = tuple(Form)
     return [
         *grid([Point()], n=STATES, m=(6,), q=("n",), r=(6,), pes=FIXED_PES, form=forms),
@@ -37,8 +37,8 @@ def _measure(tell: Tell) -> list[dict[str, Any]]:
     """Sweep, and fit."""
     outcome = sweep(points(), Questions(resources=False), Cache(CACHE), LocalExecutor(), tell)
     # The nanosatellite is one of the sizes, and would be there twice.
-    states = [row for row in outcome.rows if row["configuration"] is None]
-    elements = [row for row in outcome.rows if row["configuration"] is not None]
+    states = [row for row in outcome.rows if row["problem"] is None]
+    elements = [row for row in outcome.rows if row["problem"] is not None]
     return [asdict(growth) for rows in (states, elements) for growth in growths(rows)]
 
 

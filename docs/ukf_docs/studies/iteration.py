@@ -45,9 +45,9 @@ class IterationTraffic:
     Parameters
     ----------
     words
-        Words of the buffer, both ways.
+        Words of the buffer, both ways, and starts of steps.
     control
-        Words of the registers, both ways.
+        Other words of the registers, both ways.
     clocks
         Clocks of the whole iteration, the models' arithmetic apart.
     cycles
@@ -103,7 +103,7 @@ def measure_traffic(
     checks = sum(step in last.cycles for step in ("PREDICT", "UPDATE", "SIG_GEN"))
     return IterationTraffic(
         words=last.traffic.words,
-        control=last.traffic.control_reads + last.traffic.control_writes - checks,
+        control=last.traffic.register_words - checks,
         clocks=last.clocks,
         cycles=sum(last.cycles.values()),
         pes=pes,
@@ -132,8 +132,11 @@ def _table(record: dict[str, dict[str, Any]]) -> str:
     measured = load(record)
     us = "{:.1f}".format
     schedule = {
-        name: [latency(replace(CATALOGUE[name].params, pes=pes), Pipeline()) for pes in PES]
-        for name in measured
+        name: [
+            latency(replace(entry.params, pes=pes), Pipeline(), redraws=entry.redraws)
+            for pes in PES
+        ]
+        for name, entry in ((name, CATALOGUE[name]) for name in measured)
     }
     ours = {
         "sigma points": ["in update"] * len(PES),

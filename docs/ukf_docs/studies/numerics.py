@@ -10,7 +10,8 @@ from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
 from ukf_sw.errors import UkfError
 from ukf_sw.problem import Problem
-from ukf_sw.problems.catalogue import CATALOGUE, find
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.finding import find
 from ukf_sw.problems.judging import judge
 from ukf_sw.problems.running import Run, Stop, run
 from ukf_sw.spec.float_format import FORMATS

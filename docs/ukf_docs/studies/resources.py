@@ -21,7 +21,7 @@ __all__ = ["CONFIGURATION", "STUDY"]
 PES = (1, 2, 5, 10)
 #: The core, but for its number of processing elements.
 CONFIGURATION = (
-    Core(params=NANOSAT, configuration="nanosat").title_without("pes") + ", default pipeline depths"
+    Core(params=NANOSAT, problem="nanosat").title_without("pes") + ", default pipeline depths"
 )
 
 

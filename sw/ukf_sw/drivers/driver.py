@@ -42,7 +42,7 @@ from ukf_sw.spec.registers import (
     ErrorCode,
     Register,
 )
-from ukf_sw.spec.sequence import STEPS, Step
+from ukf_sw.spec.sequence import STEPS, Step, of_sensor
 
 __all__ = ["Driver", "Traffic"]
 
@@ -73,13 +73,18 @@ class Traffic:
     Parameters
     ----------
     words_read, words_written
-        Words of the buffer.
+        Words of the buffer: sigma points, what the models make of them, observations, estimates,
+        factors.
+    starts
+        Words that start a step.
     control_reads, control_writes
-        Words of the registers.
+        All other words of the registers: looking for the end of a step, errors, NIS, cycles; masks,
+        gates, acknowledged interrupts.
     """
 
     words_read: int = 0
     words_written: int = 0
+    starts: int = 0
     control_reads: int = 0
     control_writes: int = 0
 
@@ -91,8 +96,13 @@ class Traffic:
 
     @property
     def words(self) -> int:
-        """Words of the buffer, both ways."""
-        return self.words_read + self.words_written
+        """Words that an iteration cannot do without: numbers, and starts of steps."""
+        return self.words_read + self.words_written + self.starts
+
+    @property
+    def register_words(self) -> int:
+        """All others: how many there are depends on how a step is waited for."""
+        return self.control_reads + self.control_writes
 
 
 class Driver:
@@ -133,10 +143,11 @@ class Driver:
     ----------
     words_read, words_written
         Words of the buffer since the constructor.
-    control_reads, control_writes
-        Words of the registers since the constructor.
+    starts, control_reads, control_writes
+        Words of the registers since the constructor, as :class:`Traffic` has them.
     last_cycles : dict
-        Clocks of the last step of each name, if they are counted.
+        Clocks of the last step of each name that had something to do, if they are counted; with
+        several sensors, "UPDATE of sensor 1".
 
     Raises
     ------
@@ -184,7 +195,7 @@ class Driver:
         self.count_cycles = count_cycles
         self.last_cycles: dict[str, int] = {}
         self.words_read = self.words_written = 0
-        self.control_reads = self.control_writes = 0
+        self.control_reads = self.control_writes = self.starts = 0
 
         n, N = params.n, params.N
         self._x_addresses = self._addresses("x", 1, n)
@@ -341,6 +352,7 @@ class Driver:
         return Traffic(
             words_read=self.words_read,
             words_written=self.words_written,
+            starts=self.starts,
             control_reads=self.control_reads,
             control_writes=self.control_writes,
         )
@@ -373,7 +385,8 @@ class Driver:
     def _run(self, step: Step, sensor: int = 0) -> int:
         """Run a step; gives STATUS after it, raises what ERROR says."""
         self._step = step
-        self._write_register(CONTROL, START[step] | SENSOR.put(sensor))
+        self._bus.write(CONTROL.offset, START[step] | SENSOR.put(sensor))
+        self.starts += 1
         status = self._wait(self._interrupt)
         if status & STATE:
             running = STATUS["STATE"].get(status)
@@ -384,7 +397,9 @@ class Driver:
         if code == ErrorCode.NONE and not status & DONE[step]:
             raise StepLostError(step)
         if self.count_cycles and code != ErrorCode.ILLEGAL_STEP:
-            self.last_cycles[step.name] = self._read_register(CYCLES)
+            sensors = len(self._params.sensor_rows) if step is Step.UPDATE else 1
+            name, cycles = of_sensor(step.name, sensor, sensors), self._read_register(CYCLES)
+            self.last_cycles[name] = cycles or self.last_cycles.get(name, 0)
         if code != ErrorCode.NONE:
             # A step that is illegal has not begun; but PREDICT has its points overwritten before.
             error = error_of(step, code, ERROR["INDEX"].get(word))

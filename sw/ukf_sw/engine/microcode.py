@@ -13,7 +13,7 @@ from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine
+from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine, of_sensor
 
 __all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode", "routines"]
 
@@ -162,8 +162,8 @@ class Microcode:
 
     def name_of(self, routine: Routine) -> str:
         """Name of a program for people, with its sensor if there are several."""
-        whose = routine.program in OF_SENSORS and self.params.sensors
-        return routine.program.name + (f" of sensor {routine.sensor}" if whose else "")
+        sensors = len(self.params.sensor_rows) if routine.program in OF_SENSORS else 1
+        return of_sensor(routine.program.name, routine.sensor, sensors)
 
     def clocks(self, program: Program, sensor: int = 0) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""

@@ -3,8 +3,7 @@
 ::
 
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_sw.problem import Problem
-from ukf_sw.problems.judging import judge
+    from ukf_sw.problems.judging import judge
     from ukf_sw.problems.running import run
 
     entry = CATALOGUE["pendulum"]
@@ -13,11 +12,10 @@ from ukf_sw.problems.judging import judge
         print(verdict.error, verdict.value, verdict.okay)
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from math import hypot, sqrt
 
 from ukf_sw.problem import Problem
+from ukf_sw.problems.entry import Entry
 from ukf_sw.problems.judging import Bound, Measure
 from ukf_sw.problems.systems.battery import BATTERY, battery
 from ukf_sw.problems.systems.ctrv import CTRV, ctrv
@@ -34,88 +32,9 @@ from ukf_sw.problems.systems.recorded_imu import RECORDED_IMU, recorded_imu
 from ukf_sw.problems.systems.recorded_odometry import ODOMETRY, recorded_odometry
 from ukf_sw.problems.systems.reentry import REENTRY, reentry
 from ukf_sw.problems.systems.swampsat.ukf import SWAMPSAT
-from ukf_sw.spec.fields import parameters_of
-from ukf_sw.spec.parameters import Noise, UkfParams
+from ukf_sw.spec.parameters import Noise
 
-__all__ = ["CATALOGUE", "SWAMPSAT_STUDY", "Entry", "find"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """A system of the catalogue.
-
-    Parameters
-    ----------
-    name
-        Name on the command line.
-    doc
-        What it is, in a line.
-    source
-        Where the problem comes from.
-    params
-        Sizes and kinds of noise of its core.
-    factory
-        Makes the problem, with its data: ``factory(seed, steps)``, where None is all steps.
-    bounds
-        Expected errors, of whole runs with any seed.
-    runs
-        Number of runs, with seeds that follow each other, that are judged together.
-    rounding
-        By which part the errors of a core in binary32 may differ from those of the float64
-        reference on the same data.
-    recorded
-        Whether all of the data is a record, so that the only seed is 0.
-    """
-
-    name: str
-    doc: str
-    source: str
-    params: UkfParams
-    factory: Callable[[int, int | None], Problem]
-    bounds: tuple[Bound, ...]
-    runs: int = 1
-    rounding: float = 0.01
-    recorded: bool = False
-
-    def check_seed(self, seed: int, runs: int = 1) -> None:
-        """Check the seed of a run, or of the first of some runs.
-
-        Raises
-        ------
-        ValueError
-            If the data is a record, which has one seed, and this is another or there are more.
-        """
-        if self.recorded and seed:
-            raise ValueError(f"seed must be 0 for {self.name}, which is a record, not {seed!r}")
-        if self.recorded and runs > 1:
-            raise ValueError(f"runs must be 1 for {self.name}, which is a record, not {runs!r}")
-
-    def scenario(self, seed: int = 0, steps: int | None = None) -> Problem:
-        """Make a scenario: the problem with its data.
-
-        Parameters
-        ----------
-        seed
-            Seed of the data; records disregard it.
-        steps
-            How many steps; None is all.
-
-        Raises
-        ------
-        ValueError
-            If the scenario does not have as many steps.
-        MissingExtraError
-            If it needs packages that are not installed.
-        """
-        return self.factory(seed, steps)
-
-    def fits(self, params: UkfParams) -> bool:
-        """Whether a core has the sizes and the kinds of noise of this system."""
-        return all(
-            getattr(params, entry.name) == getattr(self.params, entry.name)
-            for entry in parameters_of(UkfParams).values()
-            if entry.meaning.problem
-        )
+__all__ = ["CATALOGUE", "SWAMPSAT_STUDY"]
 
 
 def _swampsat(seed: int, steps: int | None) -> Problem:
@@ -172,6 +91,7 @@ _ENTRIES = (
         doc="Nanosatellite, slow tumbling: attitude from gyroscope and two vectors, M = 20.",
         source="Soh and Wu 2018",
         params=NANOSAT,
+        redraw=False,
         factory=lambda seed, steps: nanosat(seed, steps=steps),
         bounds=(
             _around("x", 0.010, 0.4, _TEN),
@@ -187,6 +107,7 @@ _ENTRIES = (
         doc="nanosat with additive noise, M = 7: fewer sigma points, as accurate.",
         source="Soh and Wu 2018",
         params=NANOSAT_ADDITIVE,
+        redraw=False,
         factory=lambda seed, steps: nanosat(seed, noise=Noise.ADDITIVE, steps=steps),
         bounds=(
             Bound(error="x", low=0.006, high=0.014, origin=_AUGMENTED),
@@ -200,6 +121,7 @@ _ENTRIES = (
         doc="Nanosatellite, oscillating by 5 degrees about all axes, with a fast drift.",
         source="Soh and Wu 2014",
         params=NANOSAT,
+        redraw=False,
         factory=lambda seed, steps: nanosat_2014(seed, steps=steps),
         bounds=(
             _around("x", 0.028, 0.4, _TEN),
@@ -213,6 +135,7 @@ _ENTRIES = (
         doc="nanosat-2014 with independent rates: gyroscope 1 kHz, vector sensors 100 Hz.",
         source="Soh and Wu 2014",
         params=NANOSAT,
+        redraw=False,
         factory=lambda seed, steps: nanosat_2014_rates(seed, P0=0.01, steps=steps),
         bounds=(Bound(error="attitude", low=0.024, high=0.079, origin=_SLOWER),),
     ),
@@ -221,6 +144,7 @@ _ENTRIES = (
         doc="nanosat-2014, each vector sensor with random gaps of 1 to 19 ms: masked updates.",
         source="Soh and Wu 2014",
         params=NANOSAT,
+        redraw=False,
         factory=lambda seed, steps: nanosat_2014_rates(seed, gaps="random", P0=0.01, steps=steps),
         bounds=(Bound(error="attitude", low=0.024, high=0.079, origin=_SLOWER),),
     ),
@@ -319,6 +243,7 @@ _ENTRIES = (
         doc="Recorded inertial and magnetic data against optical ground truth.",
         source="BROAD (Laidig et al. 2021), trial 1; Madgwick 2.31, Mahony 3.42 degrees published",
         params=RECORDED_IMU,
+        redraw=False,
         factory=lambda seed, steps: recorded_imu(steps=steps),
         recorded=True,
         bounds=(
@@ -341,26 +266,6 @@ _ENTRIES = (
 
 #: All entries by name.
 CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in _ENTRIES}
-
-
-def find(name: str, what: str = "name") -> Entry:
-    """Find an entry of the catalogue.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    what
-        What the name is, in the message of the error.
-
-    Raises
-    ------
-    ValueError
-        If there is none of that name.
-    """
-    if name not in CATALOGUE:
-        raise ValueError(f"{what} must be one of {', '.join(CATALOGUE)}, not {name!r}")
-    return CATALOGUE[name]
 
 
 _LONG = (

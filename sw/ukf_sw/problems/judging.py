@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 
 from ukf_sw.problems.running import Run
 
-__all__ = ["Bound", "JudgedError", "Judgement", "Measure", "Verdict", "judge", "rms_after"]
+__all__ = [
+    "Bound", "JudgedError", "JudgedSensor", "Judgement", "Measure", "Verdict", "judge", "rms_after",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 #: What a bound is about.
@@ -134,6 +136,28 @@ class JudgedError:
 
 
 @dataclass(frozen=True, kw_only=True)
+class JudgedSensor:
+    """How well the observations of a sensor were what the filter expected.
+
+    Parameters
+    ----------
+    name
+        As the problem has it.
+    updates
+        Number of updates with it.
+    nis
+        Mean of their normalised innovations squared.
+    rows
+        Mean number of rows that were sampled: the mean NIS of a filter whose covariances are right.
+    """
+
+    name: str
+    updates: int
+    nis: float
+    rows: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Judgement:
     """How good runs were.
 
@@ -144,7 +168,9 @@ class Judgement:
     steps
         Number of steps that were judged.
     errors
-        Every error over these steps; none if there was no step.
+        Every error over these steps; none if there was no step, or the truth is not known.
+    sensors
+        Every sensor with an update in these steps.
     limit
         What the first error should stay below, or None.
     below_limit
@@ -158,6 +184,7 @@ class Judgement:
     since: float | None
     steps: int
     errors: tuple[JudgedError, ...]
+    sensors: tuple[JudgedSensor, ...] = ()
     limit: float | None = None
     below_limit: float | None = None
     reference: "Judgement | None" = None
@@ -165,7 +192,15 @@ class Judgement:
 
     @property
     def rms(self) -> Array:
-        """Root mean square of each error, shape (e,)."""
+        """Root mean square of each error, shape (e,).
+
+        Raises
+        ------
+        ValueError
+            If the truth is not known.
+        """
+        if self.steps and not self.errors:
+            raise ValueError("problem must have truth, not None, for errors to be judged")
         return np.array([error.rms for error in self.errors])
 
     @property
@@ -249,6 +284,7 @@ class Judgement:
                 }
                 for own, other in zip(self.errors, others, strict=True)
             ],
+            "sensors": [vars(sensor) for sensor in self.sensors],
             "limit": self.limit,
             "below_limit": self.below_limit,
             "reference": None,
@@ -365,25 +401,51 @@ def _chosen(run: Run, since: float) -> NDArray[np.bool_]:
 def _judge(runs: Sequence[Run], first: Run, since: float) -> Judgement:
     """Judge the steps after a time; name and limit of the errors are those of the first run."""
     problem = first.problem
-    errors = np.concatenate(
-        [np.empty((0, len(problem.error_names)))]
-        + [run.errors[_chosen(run, since)] for run in runs]
+    chosen = [_chosen(run, since) for run in runs]
+    found = Judgement(
+        since=since if isfinite(since) else None,
+        steps=sum(int(steps.sum()) for steps in chosen),
+        errors=(),
+        sensors=tuple(_judge_sensors(runs, chosen)),
+        limit=problem.limit,
     )
-    time = since if isfinite(since) else None
-    if not len(errors):
-        return Judgement(since=time, steps=0, errors=(), limit=problem.limit)
+    if not found.steps or problem.record.truth is None:
+        return found
+    errors = np.concatenate([run.errors[steps] for run, steps in zip(runs, chosen, strict=True)])
     rms = _rms(errors).tolist()
     largest = np.abs(errors).max(axis=0).tolist()
     limit = problem.limit
-    return Judgement(
-        since=time,
-        steps=len(errors),
+    return replace(
+        found,
         errors=tuple(
             JudgedError(name=name, unit=unit, rms=rms[k], maximum=largest[k])
             for k, (name, unit) in enumerate(
                 zip(problem.error_names, problem.error_units, strict=True)
             )
         ),
-        limit=limit,
         below_limit=None if limit is None else float(np.mean(np.abs(errors[:, 0]) < limit)),
     )
+
+
+def _judge_sensors(
+    runs: Sequence[Run], chosen: Sequence[NDArray[np.bool_]]
+) -> Iterable[JudgedSensor]:
+    """Judge the updates of each sensor in the steps that were chosen."""
+    if not runs:
+        return
+    for number, name in enumerate(runs[0].problem.sensor_names):
+        nis = np.concatenate(
+            [run.nis_of_sensors[steps, number] for run, steps in zip(runs, chosen, strict=True)]
+        )
+        rows = np.concatenate(
+            [
+                run.problem.samples(name)[1][: run.steps][steps].sum(axis=1)
+                for run, steps in zip(runs, chosen, strict=True)
+            ]
+        )
+        updated = rows > 0
+        if updated.any():
+            yield JudgedSensor(
+                name=name, updates=int(updated.sum()), nis=float(nis[updated].mean()),
+                rows=float(rows[updated].mean()),
+            )  # fmt: skip

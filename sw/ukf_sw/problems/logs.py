@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from ukf_sw.extras import importing
 from ukf_sw.problem import Data, Problem
 
-__all__ = ["LogError", "read_log"]
+__all__ = ["LogError", "LogFiles", "read_log"]
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, ArrayLike]
@@ -82,6 +82,49 @@ class _Table:
     def row(self, index: int) -> str:
         """Name a row of data."""
         return f"row {self.first_row + index} of {self.name}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogFiles:
+    """Files to :func:`read_log`.
+
+    Parameters
+    ----------
+    files
+        Names and files; a single one needs no name, "".
+    ignore
+        Columns to leave out.
+    """
+
+    files: tuple[tuple[str, Path], ...]
+    ignore: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, texts: Iterable[str], ignore: Iterable[str] = ()) -> "LogFiles":
+        """Make them of texts such as ``flight.csv``, or ``gps=gps.csv`` for each of several.
+
+        Raises
+        ------
+        LogError
+            If there are several, and one has no name or that of another.
+        """
+        files: dict[str, Path] = {}
+        for text in texts:
+            name, found, path = text.partition("=")
+            label = name if found else ""
+            if label in files:
+                raise LogError(f"data must have one file named {label!r}, not several")
+            files[label] = Path(path if found else text).absolute()
+        if "" in files and len(files) > 1:
+            raise LogError(
+                f"data must have a name for each file, as gps=gps.csv, not only {files['']}"
+            )
+        return cls(files=tuple(files.items()), ignore=tuple(ignore))
+
+    def read(self, problem: Problem) -> Data:
+        """Read them for a problem; raises as :func:`read_log`."""
+        files = dict(self.files)
+        return read_log(problem, files.get("", files), ignore=self.ignore)
 
 
 def read_log(

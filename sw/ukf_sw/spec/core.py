@@ -24,16 +24,22 @@ class Core:
     ----------
     params, pipeline
         What it computes, and how it is built.
-    configuration
-        Name of its configuration, or None.
+    problem
+        Name of the problem that it is for, or None.
+    redraw
+        Whether the filter on it draws new sigma points after every predict; None: if there is
+        additive process noise.
     """
 
     params: UkfParams
     pipeline: Pipeline = field(default_factory=Pipeline)
-    configuration: str | None = None
+    problem: str | None = None
+    redraw: bool | None = None
 
     @classmethod
-    def from_values(cls, values: Mapping[str, Any], configuration: str | None = None) -> "Core":
+    def from_values(
+        cls, values: Mapping[str, Any], problem: str | None = None, *, redraw: bool | None = None
+    ) -> "Core":
         """Make a core of parameters by label; those that are missing have their defaults.
 
         Raises
@@ -54,7 +60,10 @@ class Core:
             for block in (UkfParams, Pipeline)
         )  # fmt: skip
         return cls(
-            params=UkfParams(**params), pipeline=Pipeline(**pipeline), configuration=configuration
+            params=UkfParams(**params),
+            pipeline=Pipeline(**pipeline),
+            problem=problem,
+            redraw=redraw,
         )
 
     @classmethod
@@ -74,7 +83,7 @@ class Core:
         }
 
     def record(self) -> dict[str, dict[str, Any]]:
-        """Describe the core exactly, but for the name of its configuration, ready for JSON.
+        """Describe the core exactly, but not what it is for, ready for JSON.
 
         Returns
         -------
@@ -84,17 +93,22 @@ class Core:
         return {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
 
     @property
+    def redraws(self) -> bool:
+        """Whether the filter on it draws new sigma points after every predict."""
+        return self.params.additive_q > 0 if self.redraw is None else self.redraw
+
+    @property
     def title(self) -> str:
-        """Name for people: configuration or sizes, and what is not as usual."""
+        """Name for people: problem or sizes, and what is not as usual."""
         return self.title_without()
 
     def title_without(self, *labels: str) -> str:
         """Name for people of cores that differ in these parameters only."""
-        said = [] if self.configuration is None else [self.configuration]
+        said = [] if self.problem is None else [self.problem]
         for label, value in self.values().items():
             entry = PARAMETERS[label]
             unusual = entry.meaning.always or value != entry.default
-            known = self.configuration is not None and entry.meaning.problem
+            known = self.problem is not None and entry.meaning.problem
             if unusual and not known and label not in labels:
                 said.append(entry.said(value))
         return ", ".join(said)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 __all__ = [
     "ENDINGS", "NO_BANK", "NO_FLAG", "OF_SENSORS", "STEPS", "WAYS", "Bank", "Change", "Ending",
-    "Flag", "Program", "Routine", "Step", "Way", "find_way",
+    "Flag", "Program", "Routine", "Step", "Way", "find_way", "of_sensor",
 ]  # fmt: skip
 
 
@@ -63,6 +63,11 @@ class Routine(NamedTuple):
 
     program: Program
     sensor: int = 0
+
+
+def of_sensor(name: str, sensor: int, sensors: int) -> str:
+    """Name of a program or step of a sensor, for people: with its number, if there are several."""
+    return f"{name} of sensor {sensor}" if sensors > 1 else name
 
 
 class Flag(IntFlag):

@@ -26,10 +26,8 @@ from ukf_tools.cli.options import (
     DATA,
     BusLatencyOption,
     InterruptOption,
-    P0Option,
     PlotOption,
-    SeedOption,
-    with_core,
+    with_recipe,
 )
 from ukf_tools.cli.paths import folder_option
 
@@ -49,22 +47,25 @@ StepsOption = Annotated[
 ]
 
 
-def _nanosatellite(core: Core, seed: int, p0: float | None) -> Recipe:
-    """Make the recipe of a scenario for which there are models in C."""
-    name = core.configuration
-    if name not in NANOSATELLITES:
+def _check_nanosatellite(core: Core) -> None:
+    """Check that there are models in C for a problem."""
+    if core.problem not in NANOSATELLITES:
         known = ", ".join(NANOSATELLITES)
-        raise ValueError(f"--config must be one of {known}, whose models are in C, not {name!r}")
-    return Recipe(name=name, params=core.params, seed=seed, P0=p0)
+        raise ValueError(
+            f"--problem must be one of {known}, whose models are in C, not {core.problem!r}"
+        )
 
 
 @needs()
-@with_core
+@with_recipe
 def export(
     core: Core,
+    recipe: Recipe,
     steps: StepsOption = 1000,
-    seed: SeedOption = 0,
-    p0: P0Option = None,
+    random: Annotated[
+        bool,
+        typer.Option("--random", help="A random system of the given sizes.", rich_help_panel=DATA),
+    ] = False,
     output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/scenario"
     ),
@@ -74,7 +75,11 @@ def export(
     from ukf_sw.problems.scenario_files import export_scenario
 
     with checked():
-        recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
+        if (core.problem is None) is not random:
+            raise ValueError(
+                "export must have --problem, whose data it writes, or sizes and --random for a "
+                f"random system, not {'sizes alone' if core.problem is None else 'both'}"
+            )
         try:
             files = export_scenario(recipe.scenario(steps), steps, output)
         except OSError as error:
@@ -83,12 +88,11 @@ def export(
 
 
 @needs("hdl", "golden")
-@with_core
+@with_recipe
 def c_loop(
     core: Core,
+    recipe: Recipe,
     steps: StepsOption = 1000,
-    seed: SeedOption = 0,
-    p0: P0Option = None,
     plot: PlotOption = None,
     interrupt: InterruptOption = True,
     bus_latency: BusLatencyOption = 0.0,
@@ -113,7 +117,7 @@ def c_loop(
     from ukf_sim.simulators import SimulatorError
 
     with checked():
-        recipe = _nanosatellite(core, seed, p0)
+        _check_nanosatellite(core)
     if beside_cocotb:
         require("sim")
     try:
@@ -164,12 +168,11 @@ def c_loop(
 
 
 @needs("hdl", "golden")
-@with_core
+@with_recipe
 def c_arm(
     core: Core,
+    recipe: Recipe,
     steps: StepsOption = 100,
-    seed: SeedOption = 0,
-    p0: P0Option = None,
     output: Annotated[
         Path, folder_option("--output", "Folder for the program and its samples.")
     ] = Path("build/arm"),
@@ -183,7 +186,7 @@ def c_arm(
     from ukf_tools.arm.emulator import require_arm, run_on_arm
 
     with checked():
-        recipe = _nanosatellite(core, seed, p0)
+        _check_nanosatellite(core)
     try:
         require_arm()
     except CompilerError as error:

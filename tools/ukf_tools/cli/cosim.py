@@ -9,7 +9,9 @@ from rich.table import Table
 
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.folders import check_file
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import Core
+from ukf_sw.spec.sequence import WAYS, Step
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -25,10 +27,8 @@ from ukf_tools.cli.options import (
     DATA,
     BusLatencyOption,
     InterruptOption,
-    P0Option,
     PlotOption,
-    SeedOption,
-    with_core,
+    with_recipe,
 )
 from ukf_tools.cli.paths import IMAGES, file_option, folder_option
 
@@ -39,19 +39,15 @@ if TYPE_CHECKING:
 
 __all__ = ["cosim"]
 
-#: Steps of an iteration.
-ITERATION = ("SIG_GEN", "PREDICT", "UPDATE")
-
 
 @needs("hdl", "sim", "golden")
-@with_core
+@with_recipe
 def cosim(
     core: Core,
+    recipe: Recipe,
     steps: Annotated[
         int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
     ] = 20,
-    seed: SeedOption = 0,
-    p0: P0Option = None,
     plot: PlotOption = None,
     simulator: Annotated[
         Simulator, typer.Option("--simulator", help="Simulator.", rich_help_panel=COSIM)
@@ -77,7 +73,7 @@ def cosim(
     """Run the software on the Verilog, compared with the golden model bit for bit.
 
     The exit code is 0 if every word agreed, also when both stopped with the same error, and 1 if
-    not. Without a configuration, a random system of the given sizes is estimated.
+    not. Without a problem, a random system of the given sizes is estimated.
     """
     try:
         simulator.require()
@@ -90,9 +86,8 @@ def cosim(
     from ukf_sim.signal_lists import signal_lists
     from ukf_sw.errors import StepError
     from ukf_sw.problems.judging import judge
-    from ukf_sw.problems.recipe import Recipe
     from ukf_sw.problems.running import run
-    from ukf_tools.evaluate.plots import plot_errors
+    from ukf_tools.evaluate.plots import plot_runs
 
     phases = {
         "generate": "Generating Verilog",
@@ -100,7 +95,6 @@ def cosim(
         "simulate": "Simulating",
     }
     with checked():
-        recipe = Recipe(name=core.configuration, params=core.params, seed=seed, P0=p0)
         image = plot or Path("build/plots") / f"cosim-{core.stem}.png"
         check_file("--plot", image, IMAGES)
     with progress_teller() as tell, checked():
@@ -118,10 +112,10 @@ def cosim(
     judged = judge(found.run, reference)
     if found.run.steps:
         drawn = {"core, simulated": found.run, "float64 reference": reference}
-        plot_errors(image, drawn, core.title)
+        plot_runs(image, drawn, core.title)
     else:
         image = None
-    record = _record(core, recipe.seed, p0, simulator.value, found, judged)
+    record = _record(core, recipe, simulator.value, found, judged)
     record["plot"] = None if image is None else str(image)
     record["waves"] = None
     if waves is not None:
@@ -137,8 +131,7 @@ def cosim(
 
 def _record(
     core: Core,
-    seed: int,
-    p0: float | None,
+    recipe: Recipe,
     simulator: str,
     found: "Cosimulation",
     judged: "Judgement",
@@ -146,19 +139,19 @@ def _record(
     """Describe a co-simulation, ready for JSON."""
     from ukf_tools.estimate.latency import latency
 
-    predicted = latency(core.params, core.pipeline)
+    predicted = latency(core.params, core.pipeline, redraws=found.run.problem.redraws)
     last = found.iterations[-1] if found.iterations else None
     cycles = {} if last is None else last.cycles
     words = sum(each.bus_words for each in found.iterations)
     own = found.run
     return {
-        "configuration": core.configuration,
+        "problem": core.problem,
         **core.record(),
         "simulator": simulator,
         "mode": "interrupt" if found.job.interrupt else "polling",
         "bus_latency": found.job.word_clocks,
-        "seed": seed,
-        "P0": p0,
+        "seed": recipe.seed,
+        "P0": recipe.P0,
         "steps_requested": found.steps,
         "steps": own.steps,
         "bit_exact": found.mismatch is None,
@@ -167,8 +160,8 @@ def _record(
         "stopped": None if own.stop is None else own.stop.as_dict(),
         "last_estimate": None if own.last_x is None else own.last_x.tolist(),
         "cycles": {
-            "steps": {name: cycles[name] for name in ITERATION if name in cycles},
-            "total": sum(cycles.get(name, 0) for name in ITERATION),
+            "steps": {name: cycles[name] for name in predicted["steps"] if name in cycles},
+            "total": sum(cycles.get(name, 0) for name in predicted["steps"]),
             "first": found.first_cycles | (found.iterations[0].cycles if last else {}),
             "predicted": predicted["steps"],
             "predicted_total": predicted["total"],
@@ -176,6 +169,7 @@ def _record(
         },
         "bus": {
             "words_per_iteration": 0 if last is None else last.traffic.words,
+            "register_words": 0 if last is None else last.traffic.register_words,
             **({} if last is None else asdict(last.traffic)),
             "clocks_per_word": sum(each.bus_clocks for each in found.iterations) / words
             if words
@@ -195,11 +189,18 @@ def _as_predicted(found: "Cosimulation", programs: dict[str, int]) -> bool:
 
     Each reading was compared with the golden model's; this is the comparison with the schedule.
     """
-    updates = [clocks for name, clocks in programs.items() if name.startswith("UPDATE")]
+
+    def possible(step: str) -> list[int]:
+        name, of, sensor = step.partition(" of ")
+        return [
+            0 if way.program is None else programs[f"{way.program.name}{of}{sensor}"]
+            for way in WAYS[Step[name]]
+        ]
+
     return found.first_cycles.get("INIT") == programs["INIT"] and all(
-        each.cycles.get("PREDICT", programs["PREDICT"]) == programs["PREDICT"]
-        and each.cycles.get("UPDATE", updates[0]) in updates
+        clocks in possible(step)
         for each in found.iterations
+        for step, clocks in each.cycles.items()
     )
 
 
@@ -219,9 +220,9 @@ def _print_cosim(
     if found.iterations:
         traffic = found.iterations[-1].traffic
         results.print(
-            f"Bus words per iteration: {traffic.words} "
-            f"({traffic.words_read} read, {traffic.words_written} written), and "
-            f"{traffic.control_reads} + {traffic.control_writes} of the registers; "
+            f"Bus words per iteration: {traffic.words} ({traffic.words_read} read, "
+            f"{traffic.words_written} written, {traffic.starts} starts of steps), and "
+            f"{traffic.register_words} to see their end, for NIS and masks; "
             f"{bus['clocks_per_word']:.1f} clocks a word"
         )
         results.print(

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from ukf_sw.problems.finding import find
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -30,10 +31,14 @@ _CACHE = Path("build/design-space")
 
 @with_core
 def latency(core: Core, as_json: JsonOption = False) -> None:
-    """Print the cycles of every step, from the schedule: what the core's counter will read."""
+    """Print the cycles of every step, from the schedule: what the core's counter will read.
+
+    An iteration is a predict, with new sigma points if the problem draws them there, and an update
+    with every sensor.
+    """
     from ukf_tools.estimate.latency import latency as compute
 
-    record = compute(core.params, core.pipeline)
+    record = compute(core.params, core.pipeline, redraws=core.redraws)
     if as_json:
         print_json(record | core.record())
         return
@@ -42,16 +47,29 @@ def latency(core: Core, as_json: JsonOption = False) -> None:
     table.add_column("step")
     table.add_column("cycles", justify="right")
     for name, cycles in record["steps"].items():
-        table.add_row(name, str(cycles))
+        table.add_row(_with_name(name, core), str(cycles))
     table.add_row("total", str(record["total"]), style="bold", end_section=True)
-    for name in ("INIT", "SIG_GEN", "SIG_GEN_PREDICTED", "UPDATE_REDRAWN", "COVARIANCE",
-                 "COVARIANCE_PREDICTED"):  # fmt: skip
-        table.add_row(name, str(record["programs"][name]))
+    for name, cycles in record["programs"].items():
+        table.add_row(_with_name(name, core), str(cycles))
     results.print(table)
-    results.print(
-        "SIG_GEN costs nothing after an UPDATE, which leaves the next sigma points. Below the "
-        "total: the programs that an iteration does not run."
+    drawn = (
+        "SIG_GEN is the drawing of new points after PREDICT."
+        if core.redraws
+        else "Nothing is drawn between PREDICT and UPDATE."
     )
+    results.print(
+        f"{drawn} An UPDATE leaves the next sigma points. Below the total: each program from start "
+        "to end; UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
+        soft_wrap=True,
+    )
+
+
+def _with_name(step: str, core: Core) -> str:
+    """Name of a step or program; with the name of its sensor instead of the number, if known."""
+    name, _, number = step.partition(" of sensor ")
+    if not number or core.problem is None:
+        return step
+    return f"{name} {find(core.problem).problem.sensor_names[int(number)]}"
 
 
 def _netlist(core: Core, cache: Path) -> Any:

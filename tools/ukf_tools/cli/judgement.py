@@ -32,9 +32,30 @@ def print_stop(found: Run) -> None:
 
 
 def print_judgement(judged: Judgement) -> None:
+    """Print the errors of runs, if the truth is known, and the NIS of each sensor."""
+    if judged.errors:
+        _print_errors(judged)
+    elif judged.steps:
+        results.print("No truth, so no errors.")
+    if judged.sensors:
+        table = Table("sensor", "updates", "mean NIS", "rows sampled, the NIS to expect")
+        for column in table.columns[1:]:
+            column.justify = "right"
+        for sensor in judged.sensors:
+            table.add_row(
+                sensor.name, str(sensor.updates), f"{sensor.nis:.2f}", f"{sensor.rows:.4g}"
+            )
+        results.print(table)
+    if judged.largest_difference_of_x is not None:
+        ratio = "" if judged.rms_ratio is None else f"ratio of rms {number(judged.rms_ratio)}; "
+        results.print(
+            f"Beside the reference: {ratio}largest difference of x "
+            f"{number(judged.largest_difference_of_x)}"
+        )
+
+
+def _print_errors(judged: Judgement) -> None:
     """Print the errors of runs."""
-    if not judged.errors:
-        return
     reference = judged.reference
     after = "" if judged.since is None else f", from {judged.since:g} s on"
     results.print(f"Errors over {judged.steps} steps{after}:")
@@ -53,9 +74,4 @@ def print_judgement(judged: Judgement) -> None:
         results.print(
             f"{first.name.capitalize()} below {judged.limit:g} {first.unit}: "
             f"{judged.below_limit:.2%} of steps{also}"
-        )
-    if reference is not None:
-        results.print(
-            f"Ratio of rms to the reference: {number(judged.rms_ratio)}; largest "
-            f"difference of x: {number(judged.largest_difference_of_x)}"
         )

@@ -20,7 +20,7 @@ _OPTIONS = {
     **{
         name: option_of(name)
         for name in (
-            "P0", "backend", "base_address", "clock_mhz", "duration", "interrupt", "runs",
+            "P0", "backend", "data", "base_address", "clock_mhz", "duration", "interrupt", "runs",
             "seed", "steps", "workers",
         )
     },

@@ -9,7 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from ukf_sw.problems.catalogue import find
+from ukf_sw.problems.finding import find
+from ukf_sw.problems.logs import LogFiles
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.float_format import FloatFormat
@@ -26,12 +28,15 @@ __all__ = [
     "COSIM",
     "DATA",
     "BusLatencyOption",
+    "IgnoreOption",
     "InterruptOption",
-    "P0Option",
+    "LogOption",
     "PlotOption",
     "SeedOption",
+    "log_files",
     "with_core",
     "with_points",
+    "with_recipe",
 ]
 
 #: Panels of the help.
@@ -45,7 +50,26 @@ P0Option = Annotated[
     float | None,
     typer.Option(
         "--p0",
-        help="First variance of every state; by default that of the system.",
+        help="First variance of every state; by default that of the problem.",
+        rich_help_panel=DATA,
+    ),
+]
+LogOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--data",
+        metavar="FILE",
+        help="Log to take in the place of the problem's data: CSV or Parquet; several as "
+        "--data gps=gps.csv --data baro=baro.csv.",
+        rich_help_panel=DATA,
+    ),
+]
+IgnoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--ignore",
+        metavar="COLUMN",
+        help="Column of the log to leave out; may be given several times.",
         rich_help_panel=DATA,
     ),
 ]
@@ -69,7 +93,7 @@ BusLatencyOption = Annotated[
 PlotOption = Annotated[
     Path | None,
     file_option(
-        "--plot", f"Image of the errors: {', '.join(IMAGES)}.", IMAGES, rich_help_panel=DATA
+        "--plot", f"Image to draw of the run: {', '.join(IMAGES)}.", IMAGES, rich_help_panel=DATA
     ),
 ]
 
@@ -82,13 +106,15 @@ def _switch(label: str) -> str:
 def _core_options(*, lists: bool) -> list[inspect.Parameter]:
     """Options of all parameters of a core; if `lists`, each takes many values."""
     options: dict[str, tuple[Any, Any]] = {
-        "configuration": (
+        "problem": (
             str | None,
             typer.Option(
-                "--config",
-                help="Systems of `ukf apps list`, as nanosat,ctrv; or give sizes."
+                "--problem",
+                help="Problems: of `ukf apps list`, or MODULE:ATTRIBUTE, as nanosat,"
+                "strut.model:problem; or give sizes."
                 if lists
-                else "System of `ukf apps list`, as nanosat; or give sizes.",
+                else "Problem: of `ukf apps list`, as nanosat; or MODULE:ATTRIBUTE, as "
+                "strut.model:problem; or give sizes.",
                 rich_help_panel=CORE,
             ),
         )
@@ -105,7 +131,7 @@ def _core_options(*, lists: bool) -> list[inspect.Parameter]:
             help=f"{text}." if text else entry.meaning.doc,
             metavar="LIST" if lists else None,
             rich_help_panel=BUILD if label in built else CORE,
-            # A configuration says what is not given, so the default is not known here.
+            # A problem says what is not given, so the default is not known here.
             show_default=False if entry.default is None else entry.text(entry.default),
         )
         text_only = lists or entry.kind in (FloatFormat, tuple)
@@ -123,21 +149,22 @@ def _required() -> str:
     return " and ".join(option_of(label) for label, e in PARAMETERS.items() if e.default is None)
 
 
-def _check_given(configuration: str | None, given: Collection[str]) -> None:
-    """Check that sizes and noises are given once: by a configuration or by their options."""
-    if configuration is None:
+def _check_given(problem: str | None, given: Collection[str]) -> None:
+    """Check that sizes and noises are given once: by a problem or by their options."""
+    if problem is None:
         if any(entry.default is None and name not in given for name, entry in PARAMETERS.items()):
-            raise ValueError(f"--config, or at least {_required()}, must be given")
+            raise ValueError(f"--problem, or at least {_required()}, must be given")
     elif any(PARAMETERS[name].meaning.problem for name in given):
-        raise ValueError("--config says sizes and noises already: give it or them, not both")
+        raise ValueError("--problem says sizes and noises already: give it or them, not both")
 
 
-def _configured(configuration: str) -> Core:
-    """Give the core of a configuration."""
-    return Core(params=find(configuration, "--config").params, configuration=configuration)
+def _core_of(problem: str) -> Core:
+    """Give the core of a problem."""
+    found = find(problem, "--problem")
+    return Core(params=found.params, problem=problem, redraw=found.redraw)
 
 
-def _core(configuration: str | None, given: Mapping[str, Any]) -> Core:
+def _core(problem: str | None, given: Mapping[str, Any]) -> Core:
     """Make a core of the options that are given.
 
     Raises
@@ -145,18 +172,20 @@ def _core(configuration: str | None, given: Mapping[str, Any]) -> Core:
     ValueError
         If there is no such core.
     """
-    _check_given(configuration, given)
+    _check_given(problem, given)
     values = {
         label: read_entry(option_of(label), value, PARAMETERS[label])
         if isinstance(value, str)
         else value
         for label, value in given.items()
     }
-    base = {} if configuration is None else _configured(configuration).values()
-    return Core.from_values(base | values, configuration)
+    if problem is None:
+        return Core.from_values(values)
+    base = _core_of(problem)
+    return Core.from_values(base.values() | values, problem, redraw=base.redraw)
 
 
-def _points(configurations: str | None, given: Mapping[str, str]) -> list[Point]:
+def _points(problems: str | None, given: Mapping[str, str]) -> list[Point]:
     """Make the cores of a sweep of the options that are given, each a list.
 
     Raises
@@ -164,16 +193,35 @@ def _points(configurations: str | None, given: Mapping[str, str]) -> list[Point]
     ValueError
         If an option is not such a list.
     """
-    _check_given(configurations, given)
+    _check_given(problems, given)
     axes: dict[str, list[Any]] = {}
     for label, text in given.items():
         # A size may follow one before it, as in --q n.
         before = [name for name in axes if PARAMETERS[name].kind is PARAMETERS[label].kind]
         axes[label] = entries(option_of(label), text, PARAMETERS[label], before)
     bases = [Point()]
-    if configurations is not None:
-        bases = [Point.of(_configured(name)) for name in split("--config", configurations)]
+    if problems is not None:
+        bases = [Point.of(_core_of(name)) for name in split("--problem", problems)]
     return grid(bases, **axes)
+
+
+def log_files(texts: list[str] | None, ignore: list[str] | None) -> LogFiles | None:
+    """Make logs of the options that are given.
+
+    Raises
+    ------
+    ValueError
+        If one is no file, or there is something to ignore in none.
+    """
+    if not texts:
+        if ignore:
+            raise ValueError("--ignore must come with --data, whose columns it leaves out")
+        return None
+    logs = LogFiles.of(texts, ignore or ())
+    for _, file in logs.files:
+        if not file.is_file():
+            raise ValueError(f"--data must be a file, and maybe its name before it, not {file}")
+    return logs
 
 
 def _with_options(
@@ -184,19 +232,21 @@ def _with_options(
     own = list(inspect.signature(command).parameters.values())[1:]
 
     @functools.wraps(command)
-    def wrapped(configuration: str | None, **arguments: Any) -> None:
+    def wrapped(problem: str | None, **arguments: Any) -> None:
         given = {label: arguments.pop(label) for label in PARAMETERS}
         with checked():
-            made = make(configuration, {k: v for k, v in given.items() if v is not None})
+            made = make(problem, {k: v for k, v in given.items() if v is not None})
         command(made, **arguments)
 
-    parameters = [
-        *shared, *(entry.replace(kind=inspect.Parameter.KEYWORD_ONLY) for entry in own),
-    ]  # fmt: skip
-    described: Any = wrapped
-    described.__signature__ = inspect.Signature(parameters)
-    described.__annotations__ = {entry.name: entry.annotation for entry in parameters}
-    return described
+    return _described(wrapped, [*shared, *own])
+
+
+def _described(command: Any, parameters: list[inspect.Parameter]) -> Callable[..., None]:
+    """Give a function a signature."""
+    parameters = [entry.replace(kind=inspect.Parameter.KEYWORD_ONLY) for entry in parameters]
+    command.__signature__ = inspect.Signature(parameters)
+    command.__annotations__ = {entry.name: entry.annotation for entry in parameters}
+    return command
 
 
 def with_core(command: Callable[..., None]) -> Callable[..., None]:
@@ -207,3 +257,38 @@ def with_core(command: Callable[..., None]) -> Callable[..., None]:
 def with_points(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command, which takes the cores of a sweep first, the same options as lists."""
     return _with_options(command, _points, lists=True)
+
+
+#: Options of a scenario.
+_SCENARIO = [
+    inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    )
+    for name, default, annotation in (
+        ("seed", 0, SeedOption), ("p0", None, P0Option), ("data", None, LogOption),
+        ("ignore", None, IgnoreOption),
+    )
+]  # fmt: skip
+
+
+def with_recipe(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command, which takes a core and a recipe first, the options that describe both."""
+    core, _, *own = inspect.signature(command).parameters.values()
+
+    @functools.wraps(command)
+    def wrapped(
+        core: Core,
+        seed: int,
+        p0: float | None,
+        data: list[str] | None,
+        ignore: list[str] | None,
+        **arguments: Any,
+    ) -> None:
+        with checked():
+            recipe = Recipe(
+                name=core.problem, params=core.params, seed=seed, P0=p0,
+                logs=log_files(data, ignore),
+            )  # fmt: skip
+        command(core, recipe, **arguments)
+
+    return with_core(_described(wrapped, [core, *_SCENARIO, *own]))

@@ -8,6 +8,7 @@ import typer
 
 from ukf_hdl.instance import Instance
 from ukf_hdl.packaging.boards import BOARDS, find_board
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -28,7 +29,7 @@ from ukf_tools.cli.instance import (
     NameOption,
     read_address,
 )
-from ukf_tools.cli.options import SeedOption, with_core
+from ukf_tools.cli.options import with_core, with_recipe
 from ukf_tools.cli.paths import folder_option
 
 __all__ = ["package", "write_testbench"]
@@ -109,14 +110,14 @@ def package(
 
 
 @needs("golden")
-@with_core
+@with_recipe
 def write_testbench(
     core: Core,
+    recipe: Recipe,
     output: Annotated[Path, folder_option("--output", "Folder to write to.")] = Path(
         "build/testbench"
     ),
     steps: Annotated[int, typer.Option("--steps", min=1, help="Iterations of the filter.")] = 3,
-    seed: SeedOption = 0,
     name: NameOption = USUAL.name,
     as_json: JsonOption = False,
 ) -> None:
@@ -125,10 +126,8 @@ def write_testbench(
     For simulators that know nothing of Python. It prints PASS or FAIL.
     """
     from ukf_sim.testbench import write
-    from ukf_sw.problems.recipe import Recipe
 
     try:
-        recipe = Recipe(name=core.configuration, params=core.params, seed=seed)
         files = write(recipe, steps, output, name=Instance(name=name).name)
     except ValueError as error:
         fail(str(error))

@@ -1,5 +1,6 @@
 """Command ``ukf run``."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +10,7 @@ from rich.table import Table
 
 from ukf_sw.backends import make_backend
 from ukf_sw.folders import check_file
+from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.backends import need_backend
 from ukf_tools.cli.console import (
@@ -22,7 +24,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.judgement import print_judgement, print_stop
-from ukf_tools.cli.options import DATA, P0Option, PlotOption, SeedOption, with_core
+from ukf_tools.cli.options import DATA, PlotOption, with_recipe
 from ukf_tools.cli.paths import IMAGES
 
 # What takes long to import is imported by the command itself.
@@ -34,9 +36,10 @@ __all__ = ["run"]
 
 
 @needs()
-@with_core
+@with_recipe
 def run(
     core: Core,
+    recipe: Recipe,
     backend: Annotated[
         str,
         typer.Option(
@@ -51,11 +54,10 @@ def run(
         typer.Option(
             "--steps",
             min=1,
-            help="Iterations; all of the scenario by default.",
+            help="Iterations; all of the data by default.",
             rich_help_panel=DATA,
         ),
     ] = None,
-    seed: SeedOption = 0,
     runs: Annotated[
         int,
         typer.Option(
@@ -65,36 +67,30 @@ def run(
             rich_help_panel=DATA,
         ),
     ] = 1,
-    p0: P0Option = None,
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a scenario on any backend, and judge the estimates beside the float64 reference.
+    """Run a filter over data on any backend, and judge the estimates beside the float64 reference.
 
     The plot is that of the first run. The exit code is 1 if an error of the core stopped a run.
     """
     need_backend(backend, core)
     from ukf_sw.errors import StepError, UkfError
-    from ukf_sw.problems.catalogue import find
     from ukf_sw.problems.judging import judge
-    from ukf_sw.problems.recipe import Recipe
     from ukf_sw.problems.running import run as run_filter
-    from ukf_tools.evaluate.plots import plot_errors
+    from ukf_tools.evaluate.plots import plot_runs
 
-    seeds = range(seed, seed + runs)
+    seeds = range(recipe.seed, recipe.seed + runs)
     with checked():
-        if core.configuration is not None:
-            find(core.configuration).check_seed(seed, runs)
-        recipes = [
-            Recipe(name=core.configuration, params=core.params, seed=each, P0=p0) for each in seeds
-        ]
+        recipe.check_seed(recipe.seed, runs)
+        recipes = [replace(recipe, seed=each) for each in seeds]
         image = plot or Path("build/plots") / f"run-{backend.replace(':', '-')}-{core.stem}.png"
         check_file("--plot", image, IMAGES)
     found: dict[str, list[Run]] = {name: [] for name in dict.fromkeys((backend, "reference"))}
     with progress_teller() as tell:
-        for number_of, recipe in enumerate(recipes, start=1):
+        for number_of, each in enumerate(recipes, start=1):
             with checked():
-                problem = recipe.scenario(steps)
+                problem = each.scenario(steps)
             for name, made in found.items():
                 what = f"Running the {name}" + f", {number_of} of {runs}" * (runs > 1)
                 try:
@@ -116,15 +112,15 @@ def run(
         drawn = {backend: own[0]}
         if others is not None:
             drawn["float64 reference"] = others[0]
-        plot_errors(image, drawn, core.title)
+        plot_runs(image, drawn, core.title)
     else:
         image = None
     if as_json:
         print_json({
-            "configuration": core.configuration,
+            "problem": core.problem,
             **core.record(),
             "backend": backend,
-            "P0": p0,
+            "P0": recipe.P0,
             "steps_requested": own[0].problem.steps,
             "runs": [
                 _record(*row) for row in zip(seeds, own, each_judged, strict=True)

@@ -20,7 +20,14 @@ from ukf_tools.cli.console import (
     print_json,
     results,
 )
-from ukf_tools.cli.options import DATA, with_points
+from ukf_tools.cli.options import (
+    DATA,
+    IgnoreOption,
+    LogOption,
+    SeedOption,
+    log_files,
+    with_points,
+)
 from ukf_tools.cli.paths import file_option, folder_option, source_option
 from ukf_tools.design_space.points import Point
 
@@ -43,12 +50,14 @@ def sweep(
     accuracy: Annotated[
         str | None,
         typer.Option(
-            help="System of `ukf apps list` to judge accuracy on.",
+            help="Problem to judge accuracy on: of `ukf apps list`, or MODULE:ATTRIBUTE.",
             rich_help_panel=ASK,
         ),
     ] = None,
     steps: Annotated[int, typer.Option(min=1, help="Its steps.", rich_help_panel=DATA)] = 2000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of its data.", rich_help_panel=DATA)] = 0,
+    seed: SeedOption = 0,
+    data: LogOption = None,
+    ignore: IgnoreOption = None,
     clock_mhz: Annotated[
         float, typer.Option(help="Clock for times, in MHz.", rich_help_panel=ASK)
     ] = 100.0,
@@ -101,6 +110,7 @@ def sweep(
             application=accuracy,
             steps=steps,
             seed=seed,
+            logs=log_files(data, ignore),
             conditions=Conditions(clock_mhz=clock_mhz, word_clocks=bus_latency),
         )
         if accuracy is not None and not any(_judges(questions, point) for point in points):
@@ -180,6 +190,9 @@ def _print_rows(rows: list[dict[str, Any]]) -> None:
         "cycles": "cycles", "iteration_us": "iteration / µs", "lut": "LUT", "ff": "FF",
         "dsp48e1": "DSP", "bram36": "BRAM36", "logic_ns": "logic / ns", "rms_ratio": "rms ratio",
     }  # fmt: skip
+    if all(row["rms_ratio"] is None for row in rows):
+        # Without truth, what is known is how far float64 is.
+        figures["rms"] = next((row["error_name"] for row in rows if row["rms"] is not None), "rms")
     names = [*varying(rows), "pes"]
     shown = [name for name in figures if any(row[name] is not None for row in rows)]
     table = Table()

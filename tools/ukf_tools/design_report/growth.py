@@ -74,11 +74,11 @@ def growths(rows: Sequence[Row]) -> list[Growth]:
     named = [
         name
         for name in FACTORS
-        if name not in ("configuration", *sizes)
+        if name not in ("problem", *sizes)
         and (PARAMETERS[name].meaning.always or name in different)
     ]
     for over, fixed in (
-        ("n", ["pes", *(f for f in FACTORS if f not in ("configuration", *sizes))]),
+        ("n", ["pes", *(f for f in FACTORS if f not in ("problem", *sizes))]),
         ("pes", FACTORS),
     ):
         groups: dict[tuple[object, ...], list[Row]] = {}
@@ -86,7 +86,7 @@ def growths(rows: Sequence[Row]) -> list[Growth]:
             groups.setdefault(tuple(row[name] for name in fixed), []).append(row)
         for group in groups.values():
             first = group[0]
-            common = ("configuration",) if first["configuration"] else ("n", "m")
+            common = ("problem",) if first["problem"] else ("n", "m")
             if over == "n":
                 common = ("pes",)
             for figure in FIGURES:

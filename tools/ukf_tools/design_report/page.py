@@ -81,7 +81,7 @@ def render(rows: Sequence[Row], charts: Sequence[Chart]) -> str:
 def _summary(rows: Sequence[Row]) -> str:
     """Say what is in the sweep, and what is measured and what estimated."""
     failed = sum(row["error"] is not None for row in rows)
-    names = sorted({row["configuration"] for row in rows if row["configuration"]})
+    names = sorted({row["problem"] for row in rows if row["problem"]})
     text = f"Configurations: {', '.join(names)}. " if names else ""
     if failed:
         text += f"{failed} of them failed; their rows below say why. "

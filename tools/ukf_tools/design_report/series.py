@@ -13,22 +13,22 @@ __all__ = ["FACTORS", "PROBLEM", "Row", "comparable", "in_series", "said", "vary
 Row = dict[str, Any]
 
 #: What tells cores apart, but for the number of processing elements.
-FACTORS = ("configuration", *(label for label in PARAMETERS if label != "pes"))
-#: What a configuration says.
+FACTORS = ("problem", *(label for label in PARAMETERS if label != "pes"))
+#: What a problem says.
 PROBLEM = tuple(label for label, entry in PARAMETERS.items() if entry.meaning.problem)
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Name the factors that differ between rows. The configuration stands for its sizes."""
+    """Name the factors that differ between rows. The problem stands for its sizes."""
     names = [name for name in FACTORS if len({row[name] for row in rows}) > 1]
-    if "configuration" in names and all(row["configuration"] is not None for row in rows):
+    if "problem" in names and all(row["problem"] is not None for row in rows):
         names = [name for name in names if name not in PROBLEM]
     return names
 
 
 def said(name: str, value: Any) -> str:
     """Say a factor of a core."""
-    if name != "configuration":
+    if name != "problem":
         return PARAMETERS[name].said(value)
     return "sizes" if value is None else value
 

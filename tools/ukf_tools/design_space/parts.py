@@ -76,22 +76,26 @@ class SchedulePart(Part):
     ----------
     params, pipeline
         The core.
+    redraws
+        Whether the filter draws new sigma points after every predict.
     """
 
     kind: ClassVar[str] = "schedule"
     params: UkfParams
     pipeline: Pipeline
+    redraws: bool
 
     def identity(self) -> dict[str, Any]:
         """Parameters, pipeline, and the sources of the scheduler."""
         return {
             "core": Core(params=self.params, pipeline=self.pipeline).record(),
+            "redraws": self.redraws,
             "sources": digest("ukf_tools.estimate.latency"),
         }
 
     def compute(self) -> dict[str, Any]:
         """Schedule all programs."""
-        return latency.latency(self.params, self.pipeline)
+        return latency.latency(self.params, self.pipeline, redraws=self.redraws)
 
     @property
     def cost(self) -> float:
@@ -107,28 +111,33 @@ class TrafficPart(Part):
     ----------
     params
         The core. Make it by :meth:`of`, so that cores with the same traffic share a part.
+    redraws
+        Whether the filter draws new sigma points after every predict.
     """
 
     kind: ClassVar[str] = "traffic"
     params: UkfParams
+    redraws: bool
 
     @classmethod
-    def of(cls, params: UkfParams) -> "TrafficPart":
+    def of(cls, params: UkfParams, *, redraws: bool) -> "TrafficPart":
         """Part of a core, without what its traffic does not depend on."""
         # Of formats only the words of a number matter; in narrow ones the filter may fail.
         plain = BINARY32 if params.format.bus_words == 1 else BINARY64
-        return cls(params=replace(params, pes=1, form=Form.SQUARE_ROOT, format=plain))
+        params = replace(params, pes=1, form=Form.SQUARE_ROOT, format=plain)
+        return cls(params=params, redraws=redraws)
 
     def identity(self) -> dict[str, Any]:
         """Sizes, kinds of noise, format, and the sources of driver and golden model."""
         return {
             "core": _computed(self.params),
+            "redraws": self.redraws,
             "sources": digest("ukf_tools.design_space.traffic"),
         }
 
     def compute(self) -> dict[str, Any]:
         """Count them."""
-        return count_words(self.params)
+        return count_words(self.params, redraws=self.redraws)
 
     @property
     def cost(self) -> float:
@@ -269,16 +278,13 @@ class Accuracy(Part):
     steps: int
 
     def identity(self) -> dict[str, Any]:
-        """System, parameters, and the sources of systems and golden model."""
-        recipe = self.recipe
+        """Problem, parameters, and the sources of problems and golden model."""
         return {
-            "application": {
-                "name": recipe.name, "seed": recipe.seed, "P0": recipe.P0, "steps": self.steps,
-            },
-            "core": _computed(recipe.params),
+            "problem": self.recipe.identity(self.steps),
+            "core": _computed(self.recipe.params),
             "sources": digest("ukf_tools.design_space.accuracy"),
             "numpy": version("numpy"),
-        }  # fmt: skip
+        }
 
     def compute(self) -> dict[str, Any]:
         """Run it."""

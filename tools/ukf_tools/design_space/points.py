@@ -1,7 +1,7 @@
 """The cores of a sweep."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -19,19 +19,22 @@ class Point:
 
     Parameters
     ----------
-    configuration
-        Name of its configuration, or None.
+    problem
+        Name of the problem that it is for, or None.
+    redraw
+        Whether the filter draws sigma points after every predict, as :class:`Core` has it.
     values
         Parameters by label; those that are missing have their defaults.
     """
 
-    configuration: str | None = None
+    problem: str | None = None
+    redraw: bool | None = None
     values: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     @classmethod
     def of(cls, core: Core, **changes: Any) -> "Point":
         """Make the point of a core, with some parameters, by label, changed."""
-        return cls(configuration=core.configuration, values=core.values() | changes)
+        return cls(problem=core.problem, redraw=core.redraw, values=core.values() | changes)
 
     @property
     def core(self) -> Core:
@@ -42,12 +45,12 @@ class Point:
         ValueError
             If there is no such core, with more processing elements than columns for instance.
         """
-        return Core.from_values(self.values, self.configuration)
+        return Core.from_values(self.values, self.problem, redraw=self.redraw)
 
     def cells(self) -> dict[str, Any]:
         """What tells this core from others, by name of the column."""
         return {
-            "configuration": self.configuration,
+            "problem": self.problem,
             **{
                 label: entry.cell(self.values.get(label, entry.default))
                 for label, entry in PARAMETERS.items()
@@ -82,6 +85,5 @@ def grid(bases: Sequence[Point], **axes: Sequence[Any]) -> list[Point]:
         for label in (label for label in PARAMETERS if label in chosen):
             value = chosen[label]
             values[label] = values[value] if isinstance(value, str) else value
-        key = (base.configuration, *values.items())
-        points.setdefault(key, Point(configuration=base.configuration, values=values))
+        points.setdefault((base.problem, *values.items()), replace(base, values=values))
     return list(points.values())

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from ukf_sw.drivers.driver import Traffic
 from ukf_sw.spec.core import PARAMETERS
 from ukf_tools.design_space.points import Point
 from ukf_tools.estimate.series7 import Netlist
@@ -28,21 +29,24 @@ class Column(NamedTuple):
 
 #: Every column, in order. An entry that is not known is empty.
 COLUMNS = {
-    "configuration": Column(str, "Name of the configuration, if it has one."),
+    "problem": Column(str, "Problem that the core is for, if it has a name."),
     **{label: Column(entry.cell_kind, entry.meaning.doc) for label, entry in PARAMETERS.items()},
     "sigma_points": Column(int, "Sigma points, so evaluations of each model an iteration."),
-    "predict_cycles": Column(int, "Clocks of PREDICT."),
-    "update_cycles": Column(int, "Clocks of UPDATE, which makes the next sigma points as well."),
-    "cycles": Column(int, "Clocks of an iteration: PREDICT and UPDATE, nothing redrawn between."),
+    "redraws": Column(bool, "Whether sigma points are drawn after every predict."),
+    "predict_cycles": Column(int, "Clocks of PREDICT, with the SIG_GEN after it if that redraws."),
+    "update_cycles": Column(
+        int, "Clocks of UPDATE, of all sensors; it makes the next sigma points as well."
+    ),
+    "cycles": Column(int, "Clocks of an iteration: their sum."),
     "sig_gen_cycles": Column(int, "Clocks of SIG_GEN when x or L was written; else 0."),
     "sig_gen_predicted_cycles": Column(int, "Clocks of SIG_GEN after a PREDICT."),
     "init_cycles": Column(int, "Clocks of INIT."),
     "covariance_cycles": Column(int, "Clocks of COVARIANCE."),
-    "bus_words": Column(int, "Bus words an iteration for models, measurement and estimate."),
-    "register_words": Column(int, "Bus words an iteration to start steps and see their end."),
+    "bus_words": Column(int, "Bus words an iteration: numbers, and starts of steps."),
+    "register_words": Column(int, "Further bus words: looking for the end, errors, NIS, masks."),
     "clock_mhz": Column(float, "Clock in MHz: an assumption."),
     "word_clocks": Column(float, "Clocks of a bus word: an assumption."),
-    "core_us": Column(float, "Time of PREDICT and UPDATE in microseconds at that clock."),
+    "core_us": Column(float, "Time of these steps in microseconds at that clock."),
     "bus_us": Column(float, "Time of all bus words in microseconds at that clock."),
     "iteration_us": Column(float, "Their sum: an iteration, the models' own computing apart."),
     "lut": Column(int, "Look-up tables."),
@@ -119,7 +123,7 @@ def figures(
     """
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     row |= point.cells()
-    row["sigma_points"] = _sigma_points(point)
+    row |= _of_core(point)
     if "schedule" in found:
         row |= _cycles(found["schedule"])
     if "traffic" in found:
@@ -134,19 +138,21 @@ def figures(
     return row
 
 
-def _sigma_points(point: Point) -> int | None:
-    """Their number, if there is such a core."""
+def _of_core(point: Point) -> dict[str, Any]:
+    """What follows from a core, if there is such a one."""
     try:
-        return point.core.params.N
+        core = point.core
     except ValueError:
-        return None
+        return {}
+    return {"sigma_points": core.params.N, "redraws": core.redraws}
 
 
 def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
-    programs = schedule["programs"]
+    programs, steps = schedule["programs"], schedule["steps"]
+    predict = steps["PREDICT"] + steps["SIG_GEN"]
     return {
-        "predict_cycles": schedule["steps"]["PREDICT"],
-        "update_cycles": schedule["steps"]["UPDATE"],
+        "predict_cycles": predict,
+        "update_cycles": schedule["total"] - predict,
         "cycles": schedule["total"],
         "sig_gen_cycles": programs["SIG_GEN"],
         "sig_gen_predicted_cycles": programs["SIG_GEN_PREDICTED"],
@@ -156,9 +162,10 @@ def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
 
 
 def _words(traffic: Mapping[str, int]) -> dict[str, int]:
+    words = Traffic(**traffic)
     return {
-        "bus_words": traffic["words_read"] + traffic["words_written"],
-        "register_words": traffic["control_reads"] + traffic["control_writes"],
+        "bus_words": words.words,
+        "register_words": words.register_words,
     }
 
 

@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ukf_sw.problems.catalogue import find as find_entry
+from ukf_sw.problems.finding import find as find_problem
+from ukf_sw.problems.logs import LogFiles
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.design_space.cache import Cache
@@ -36,33 +37,37 @@ class Questions:
     resources
         Whether to synthesise.
     application
-        Entry of the catalogue to judge accuracy on, or None. Cores of other sizes are not judged.
+        Problem to judge accuracy on, by its name, or None. Cores of other sizes are not judged.
     steps, seed
         Steps of it, and seed of its data.
+    logs
+        Recorded data in the place of its own.
     conditions
         Clock and bus.
 
     Raises
     ------
     ValueError
-        If there is no such entry, it has no such seed, or there is no step.
+        If there is no such problem, it has no such seed, or there is no step.
     """
 
     resources: bool = True
     application: str | None = None
     steps: int = 2000
     seed: int = 0
+    logs: LogFiles | None = None
     conditions: Conditions = field(default_factory=Conditions)
 
     def __post_init__(self) -> None:
         if self.application is not None:
-            find_entry(self.application, "application").check_seed(self.seed)
+            entry = find_problem(self.application, "application")
+            replace(entry, recorded=entry.recorded or self.logs is not None).check_seed(self.seed)
         if self.steps < 1:
             raise ValueError(f"steps must be at least 1, not {self.steps!r}")
 
     def judges(self, params: UkfParams) -> bool:
         """Whether accuracy is judged of a core of these sizes."""
-        return self.application is not None and find_entry(self.application).fits(params)
+        return self.application is not None and find_problem(self.application).fits(params)
 
     def parts(self, point: Point) -> dict[str, Part]:
         """Give the parts of a point, by name.
@@ -75,13 +80,13 @@ class Questions:
         core = point.core
         params, pipeline = core.params, core.pipeline
         parts: dict[str, Part] = {
-            "schedule": SchedulePart(params=params, pipeline=pipeline),
-            "traffic": TrafficPart.of(params),
+            "schedule": SchedulePart(params=params, pipeline=pipeline, redraws=core.redraws),
+            "traffic": TrafficPart.of(params, redraws=core.redraws),
         }
         if self.resources:
             parts["resources"] = Synthesis(params=params, pipeline=pipeline)
         if self.judges(params):
-            recipe = Recipe(name=self.application, params=params, seed=self.seed)
+            recipe = Recipe(name=self.application, params=params, seed=self.seed, logs=self.logs)
             parts["accuracy"] = Accuracy(recipe=recipe, steps=self.steps)
             parts["reference"] = Reference.of(recipe, self.steps)
         return parts

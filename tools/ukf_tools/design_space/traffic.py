@@ -11,23 +11,23 @@ from ukf_sw.spec.parameters import Form, UkfParams
 __all__ = ["count_words"]
 
 
-def count_words(params: UkfParams) -> dict[str, int]:
+def count_words(params: UkfParams, *, redraws: bool) -> dict[str, int]:
     """Count the bus words of an iteration: the driver drives the golden model, and counts.
 
-    They depend on sizes, kinds of noise, and the words of a number only. Sigma points are not
-    redrawn between predict and update.
+    They depend on sizes, kinds of noise, and the words of a number only.
 
     Parameters
     ----------
     params
         The core.
+    redraws
+        Whether the filter draws new sigma points after every predict.
 
     Returns
     -------
     dict
-        ``words_read`` and ``words_written`` of the buffer: sigma points, what the models make of
-        them, measurement, estimate; ``control_reads`` and ``control_writes`` of the registers,
-        when each step is found ended on the first look.
+        The counts of :class:`ukf_sw.drivers.driver.Traffic`, when each step is found ended on the
+        first look.
 
     Raises
     ------
@@ -36,8 +36,7 @@ def count_words(params: UkfParams) -> dict[str, int]:
     """
     # The widest array has the shortest programs, and so is modelled soonest.
     quick = replace(params, pes=params.columns, form=Form.SQUARE_ROOT)
-    # Sigma points are drawn once an iteration, as the cycles of an iteration assume.
-    problem = replace(random_scenario(quick, steps=2), redraw=False)
+    problem = replace(random_scenario(quick, steps=2), redraw=redraws)
     driver = golden_driver(quick)
     counts: list[Traffic] = []
     run(problem, driver, after_step=lambda done, ukf: counts.append(driver.traffic))

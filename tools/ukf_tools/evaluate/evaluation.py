@@ -12,7 +12,9 @@ from ukf_sim.session import CACHE
 from ukf_sim.simulators import Simulator
 from ukf_sw.errors import UkfError
 from ukf_sw.extras import MissingExtraError
-from ukf_sw.problems.catalogue import CATALOGUE, Entry, find
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.entry import Entry
+from ukf_sw.problems.finding import find
 from ukf_sw.problems.judging import Judgement, Verdict, judge
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import Run, run

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ukf_sw.problems.catalogue import Entry
+from ukf_sw.problems.entry import Entry
 from ukf_sw.problems.running import Run
 from ukf_sw.problems.systems.nanosat import LIMIT, attitude_error
 
