@@ -145,7 +145,7 @@ def test_workflows_run_the_commands_of_the_makefile(new, tmp_path):
         text = (tmp_path / "strut" / file).read_text()
         jobs = yaml.safe_load(text)
         assert "jobs" in jobs or "script" in jobs["test"]
-        targets = re.findall(r"make (\w+)", text)
+        targets = re.findall(r"make (\w+) PYTHON", text)
         assert targets == ["test"]
         assert all(f"\n{target}:" in makefile for target in targets)
         (report,) = re.findall(r"build/\S+\.xml", text)

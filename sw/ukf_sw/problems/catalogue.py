@@ -65,6 +65,15 @@ def _around(
     )
 
 
+def _on_the_grid(*, attitude: float, axes: float) -> dict[str, float]:
+    """Exceptions from the rule for rounding, where sigma points lie a few units in the last place
+    from their mean: docs/numerics.md has the cause.
+
+    The bounds are the mean over 8 seeds and two standard deviations of a single one.
+    """
+    return {"attitude": attitude, "x": axes, "y": axes, "z": axes}
+
+
 _SAME = "independent float64 filter on the same data; binary32 agrees to three digits"
 _TEN = "independent float64 filter, 10 seeds of 100 s, P0 = I; one seed scatters by a third or less"
 _WORST = "largest of 10 seeds of the independent float64 filter"
@@ -99,8 +108,7 @@ _ENTRIES = (
             _around("z", 0.010, 0.4, _TEN),
             Bound(error="attitude", measure="maximum", high=0.135, reference=0.073, origin=_WORST),
         ),
-        # Its sums of 22 numbers near 1 are rounded at every addition.
-        rounding=0.02,
+        exceptions=_on_the_grid(attitude=0.015, axes=0.04),
     ),
     Entry(
         name="nanosat-additive",
@@ -115,6 +123,7 @@ _ENTRIES = (
             Bound(error="z", low=0.006, high=0.014, origin=_AUGMENTED),
             Bound(error="attitude", measure="maximum", high=0.135, origin=_AUGMENTED),
         ),
+        exceptions=_on_the_grid(attitude=0.04, axes=0.065),
     ),
     Entry(
         name="nanosat-2014",

@@ -1,7 +1,7 @@
 """A problem that has a name, with what is expected of it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from ukf_sw.problem import Problem
@@ -35,6 +35,8 @@ class Entry:
     rounding
         By which part the errors of a core in binary32 may differ from those of the float64
         reference on the same data.
+    exceptions
+        The same of single errors, by name, where it is another.
     recorded
         Whether all of the data is a record, so that the only seed is 0.
     redraw
@@ -52,6 +54,7 @@ class Entry:
     bounds: tuple[Bound, ...] = ()
     runs: int = 1
     rounding: float = 0.01
+    exceptions: Mapping[str, float] = field(default_factory=dict)
     recorded: bool = False
     redraw: bool | None = None
     own: Problem | None = None

@@ -10,7 +10,7 @@
         print(error.name, error.rms, error.unit)
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, Literal
@@ -226,13 +226,17 @@ class Judgement:
         """
         return tuple(self._verdict(bound) for bound in bounds)
 
-    def compare_with_reference(self, part: float) -> tuple[Verdict, ...]:
+    def compare_with_reference(
+        self, part: float, exceptions: Mapping[str, float] | None = None
+    ) -> tuple[Verdict, ...]:
         """Compare every error with the other filter's on the same data.
 
         Parameters
         ----------
         part
             By which part of the other's root mean square an error may be larger or smaller.
+        exceptions
+            The same of single errors, by name, where it is another.
 
         Raises
         ------
@@ -241,13 +245,18 @@ class Judgement:
         """
         if self.reference is None:
             raise ValueError("reference must be a run of another filter, not None")
+        parts = {error.name: part for error in self.reference.errors} | dict(exceptions or {})
         return self.compare(
             Bound(
-                error=error.name, low=(1.0 - part) * error.rms, high=(1.0 + part) * error.rms,
-                reference=error.rms, origin="float64 reference on the same data",
+                error=error.name,
+                low=(1.0 - parts[error.name]) * error.rms,
+                high=(1.0 + parts[error.name]) * error.rms,
+                reference=error.rms,
+                origin="float64 reference on the same data",
             )
-            for error in self.reference.errors if error.rms > 0.0
-        )  # fmt: skip
+            for error in self.reference.errors
+            if error.rms > 0.0
+        )
 
     def _verdict(self, bound: Bound) -> Verdict:
         own = self._find(bound)

@@ -197,7 +197,9 @@ def evaluate(
             settled=judgement.since,
             judgement=judgement,
             verdicts=judgement.compare(entry.bounds) if whole else None,
-            rounding=judgement.compare_with_reference(entry.rounding) if whole else None,
+            rounding=judgement.compare_with_reference(entry.rounding, entry.exceptions)
+            if whole
+            else None,
             plots=_plots(entry, backend, found, output),
         )
     return replace(made, seconds=time.perf_counter() - started)
