@@ -66,10 +66,10 @@ def _around(
 
 
 def _on_the_grid(*, attitude: float, axes: float) -> dict[str, float]:
-    """Exceptions from the rule for rounding, where sigma points lie a few units in the last place
-    from their mean: docs/numerics.md has the cause.
+    """Exceptions from the rule for rounding: sigma points few units in the last place apart.
 
-    The bounds are the mean over 8 seeds and two standard deviations of a single one.
+    docs/numerics.md has the cause. They are the mean over 8 seeds and two standard deviations of a
+    single one.
     """
     return {"attitude": attitude, "x": axes, "y": axes, "z": axes}
 
