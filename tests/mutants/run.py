@@ -60,6 +60,43 @@ MUTANTS = [
         "tests/sw/test_problem.py tests/sw/test_logs.py tests/sw/test_schedule.py",
     ),
     Mutant(
+        "sensors: the observations of another one are taken", "sw/ukf_sw/engine/programs.py",
+        "b, layout.Z[i], residual,", "b, layout.Z[i - observed.start], residual,",
+        "tests/sw/test_problem.py",
+    ),
+    Mutant(
+        "sensors: noise columns of a sensor with one row", "sw/ukf_sw/engine/programs.py",
+        "columns = _Columns(layout, len(observed))", "columns = _Columns(layout, 1)",
+        "tests/sw/test_problem.py tests/sw/test_schedule.py",
+    ),
+    Mutant(
+        "latency: redrawing is not counted", "tools/ukf_tools/estimate/latency.py",
+        'programs["SIG_GEN_PREDICTED"] if redraws else 0', "0",
+        f"{DESIGN_SPACE} -k redrawing",
+    ),
+    Mutant(
+        "latency: all sensors find residuals of the prediction",
+        "tools/ukf_tools/estimate/latency.py",
+        "redrawn = redraws or sensor > 0", "redrawn = redraws",
+        "tests/system/test_cli.py -k latency",
+    ),
+    Mutant(
+        "words: redrawing is not counted", "tools/ukf_tools/design_space/traffic.py",
+        "redraw=redraws)", "redraw=False)",
+        f"{DESIGN_SPACE} -k redrawing",
+    ),
+    Mutant(
+        "driver: a step that costs nothing hides the cycles of the one before it",
+        "sw/ukf_sw/drivers/driver.py",
+        "cycles or self.last_cycles.get(name, 0)", "cycles",
+        "tests/sw/test_driver.py -k cycles",
+    ),
+    Mutant(
+        "finding: results of an older model are taken", "sw/ukf_sw/problems/recipe.py",
+        'known["modules"] = digest_of_modules(self.name)', "pass",
+        "tests/sw/test_finding.py",
+    ),
+    Mutant(
         "logs: an input is taken before it was there", "sw/ukf_sw/problems/logs.py",
         'side="right") - 1', 'side="left") - 1',
         "tests/sw/test_logs.py",

@@ -305,6 +305,10 @@ def test_cycles_are_counted_if_asked():
     driver.covariance()
     assert set(driver.last_cycles) == {"INIT", "SIG_GEN", "PREDICT", "UPDATE", "COVARIANCE"}
     assert driver.last_cycles["COVARIANCE"] == core.read(CYCLES.offset)[0] > 0
+    driver.set_state(driver.state())
+    for _ in range(2):  # the second one costs nothing, and is not the last that cost something
+        driver.redraw()
+        assert driver.last_cycles["SIG_GEN"] > 0
     assert start()[0].last_cycles == {}
 
 

@@ -153,6 +153,7 @@ def test_what_a_scenario_depends_on(cart):
     before = digest_of_modules("cart.model:problem")
     (cart / "cart" / "rates.py").write_text("DT = 0.25\n")
     assert digest_of_modules("cart.model:problem") != before
+    assert recipe.identity(5) != first  # though the data are the same
     (cart / "log.csv").write_text("time,gps\n0.5,1.0\n")
     log = Recipe.of("cart.model:problem", logs=LogFiles.of(["log.csv"]))
     one = log.identity(1)

@@ -99,6 +99,27 @@ def test_latency(ukf, form):
     assert record["total"] == sum(record["steps"].values())
 
 
+def test_latency_of_several_sensors(ukf):
+    """The first finds the residuals of the prediction, the others draw; so do all if it redraws."""
+    sizes = ("--n", 3, "--m", 4, "--q", 3, "--sensors", "1+3")
+    found = {}
+    for noise in ("augmented", "additive"):
+        options = (*sizes, "--process-noise", noise, "--json")
+        found[noise] = json.loads(ukf("latency", *options).stdout)
+    augmented, additive = found["augmented"], found["additive"]
+    assert list(augmented["steps"]) == [
+        "PREDICT", "SIG_GEN", "UPDATE of sensor 0", "UPDATE of sensor 1",
+    ]  # fmt: skip
+    for record, first in ((augmented, "UPDATE"), (additive, "UPDATE_REDRAWN")):
+        programs = record["programs"]
+        assert record["steps"]["UPDATE of sensor 0"] == programs[f"{first} of sensor 0"]
+        assert record["steps"]["UPDATE of sensor 1"] == programs["UPDATE_REDRAWN of sensor 1"]
+        assert record["total"] == sum(record["steps"].values())
+    assert augmented["steps"]["SIG_GEN"] == 0
+    assert additive["steps"]["SIG_GEN"] == additive["programs"]["SIG_GEN_PREDICTED"]
+    assert "UPDATE of sensor 1" in ukf("latency", *sizes).stdout
+
+
 def test_latency_for_people(ukf):
     text = ukf("latency", "--problem", "nanosat").stdout
     clocks = microcode(NANOSAT, Pipeline()).clocks(Program.UPDATE)

@@ -116,10 +116,15 @@ def test_icarus_does_everything(core_cache, icarus):
     check_counts(run_job(job, icarus, cache=core_cache).value, params)
 
 
-def random_core(seed):
+def random_core(seed, sensors=1):
     """Random parameters and pipeline. Form and format go round."""
     rng = np.random.default_rng(seed)
     n, m = int(rng.integers(1, 6)), int(rng.integers(1, 5))
+    rows = ()
+    if sensors > 1:
+        m = sensors + int(rng.integers(0, 4))
+        cuts = np.sort(rng.choice(np.arange(1, m), sensors - 1, replace=False))
+        rows = tuple(np.diff([0, *cuts, m]).tolist())
     noises = [Noise.AUGMENTED, Noise.ADDITIVE]
     process, observation = noises[rng.integers(2)], noises[rng.integers(2)]
     params = UkfParams(
@@ -127,6 +132,7 @@ def random_core(seed):
         m=m,
         q=int(rng.integers(0, 4)) if process is Noise.AUGMENTED else n,
         r=int(rng.integers(0, 4)) if observation is Noise.AUGMENTED else m,
+        sensors=rows,
         process_noise=process,
         observation_noise=observation,
         W0=float(rng.choice([0.0, 0.25, 0.6])),
@@ -168,8 +174,9 @@ def check_counts(counts, params):
         assert abused[what] > 0, what
 
 
-def do_everything(cache, seed, rounds):
-    params, pipeline = random_core(seed)
+def do_everything(cache, seed, rounds, sensors=1):
+    params, pipeline = random_core(seed, sensors)
+    assert len(params.sensor_rows) == sensors
     job = Job(
         params=params,
         pipeline=pipeline,
@@ -180,16 +187,26 @@ def do_everything(cache, seed, rounds):
     check_counts(run_job(job, cache=cache, optimise=False).value, params)
 
 
-# One of each form; every format is in the slow ones.
-@pytest.mark.parametrize("seed", [7, 10])
-def test_random_core(core_cache, seed):
-    do_everything(core_cache, seed, rounds=24)
+# One of each form; every format, and one sensor, are in the slow ones.
+@pytest.mark.parametrize(("seed", "sensors"), [(10, 3), (59, 2)])
+def test_random_core(core_cache, seed, sensors):
+    do_everything(core_cache, seed, rounds=24, sensors=sensors)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100, 136))
 def test_random_cores(core_cache, seed):
     do_everything(core_cache, seed, rounds=60)
+
+
+# Both forms, all pairs of noises, and a format of two words are among them.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "sensors"),
+    [(13, 2), (22, 4), (24, 2), (36, 4), (47, 3), (49, 2), (203, 4), (207, 2)],
+)
+def test_random_cores_with_several_sensors(core_cache, seed, sensors):
+    do_everything(core_cache, seed, rounds=60, sensors=sensors)
 
 
 def test_second_run_does_not_compile(tmp_path):
