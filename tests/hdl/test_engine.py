@@ -32,7 +32,8 @@ CONFIGURATIONS = [
         id="additive",
     ),
     pytest.param(
-        UkfParams(n=3, m=2, r=2, pes=4, format=BINARY64, W0=0.5), Pipeline(), id="binary64"
+        UkfParams(n=3, m=2, r=2, pes=4, format=BINARY64, W0=0.5), Pipeline(), id="binary64",
+        marks=pytest.mark.slow,
     ),
     pytest.param(
         UkfParams(n=2, m=4, r=4, sensors=(1, 3), observation_noise=Noise.ADDITIVE, pes=3),

@@ -356,7 +356,7 @@ def interrupt_everywhere(case, name, on_core, stride):
 @pytest.mark.parametrize("on_core", [False, True], ids=["reference", "golden"])
 @pytest.mark.parametrize("case", USUAL, ids=str)
 def test_interrupts_here_and_there(case, name, on_core):
-    outcomes = interrupt_everywhere(case, name, on_core, 97)
+    outcomes = interrupt_everywhere(case, name, on_core, 193)
     assert len(outcomes) > 0
 
 
