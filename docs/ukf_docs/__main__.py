@@ -74,7 +74,7 @@ def measure(
 
 @app.command("pages")
 def pages() -> None:
-    """Execute the code of docs/own-model.md, and put what it prints into the page."""
+    """Execute the code of the pages that have some, and put what it prints into them."""
     from ukf_docs.pages import PAGES, refresh
 
     for page in PAGES:

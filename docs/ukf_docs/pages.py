@@ -21,10 +21,13 @@ from typing import Any
 
 from ukf_docs import DOCS
 
-__all__ = ["PAGES", "refresh"]
+__all__ = ["PAGES", "SLOW", "refresh"]
 
 #: Pages with executed code.
-PAGES = (DOCS / "own-model.md",)
+PAGES = (DOCS / "own-model.md", DOCS / "sensors.md", DOCS / "from-filterpy.md")
+
+#: What blocks have that take long: they compile a core, or make many.
+SLOW = re.compile(r"\bcosimulate\b|\bukf (?:cosim|sweep|package)\b")
 
 #: A block that is executed, and its output, if the page shows it.
 BLOCK = re.compile(
@@ -34,15 +37,15 @@ BLOCK = re.compile(
 )
 
 
-def refresh(text: str, *, cosimulation: bool = True, cache: Path | None = None) -> str:
+def refresh(text: str, *, slow: bool = True, cache: Path | None = None) -> str:
     """Execute the code of a page, in a folder of its own, and replace what it printed.
 
     Parameters
     ----------
     text
         Markdown of the page.
-    cosimulation
-        Whether to execute blocks that co-simulate; otherwise their output stays.
+    slow
+        Whether to execute blocks that have what is in :data:`SLOW`; otherwise their output stays.
     cache
         Folder of compiled cores; None compiles them again.
 
@@ -67,7 +70,7 @@ def refresh(text: str, *, cosimulation: bool = True, cache: Path | None = None) 
                 file.write(code)
             sys.modules.pop(Path(block["file"]).stem, None)
             return block[0]
-        if "cosimulate" in code and not cosimulation:
+        if SLOW.search(code) and not slow:
             return block[0]
         try:
             printed = _run(block["kind"], code, namespace)
