@@ -85,20 +85,19 @@ class Observations:
     cpu_seconds: float
 
     @property
-    def last(self) -> Iteration | None:
-        """The last iteration with an update, or else the last one; None if there is none."""
-        updates = [each for each in self.iterations if "UPDATE" in each.cycles]
-        return (updates or list(self.iterations) or [None])[-1]
+    def fullest(self) -> Iteration | None:
+        """The iteration with most steps of the core, the last of several; None if there is none."""
+        return max(reversed(self.iterations), key=lambda each: len(each.cycles), default=None)
 
     @property
     def cycles(self) -> dict[str, int]:
         """Clocks of each step of that iteration; empty if there is none."""
-        return {} if self.last is None else self.last.cycles
+        return {} if self.fullest is None else self.fullest.cycles
 
     @property
     def traffic(self) -> Traffic:
         """Words on the bus of that iteration."""
-        return Traffic() if self.last is None else self.last.traffic
+        return Traffic() if self.fullest is None else self.fullest.traffic
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,6 +22,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.judgement import print_judgement, print_stop
+from ukf_tools.cli.names import with_sensor
 from ukf_tools.cli.options import (
     COSIM,
     DATA,
@@ -140,8 +141,7 @@ def _record(
     from ukf_tools.estimate.latency import latency
 
     predicted = latency(core.params, core.pipeline, redraws=found.run.problem.redraws)
-    last = found.iterations[-1] if found.iterations else None
-    cycles = {} if last is None else last.cycles
+    fullest, cycles = found.fullest, found.cycles
     words = sum(each.bus_words for each in found.iterations)
     own = found.run
     return {
@@ -162,20 +162,20 @@ def _record(
         "cycles": {
             "steps": {name: cycles[name] for name in predicted["steps"] if name in cycles},
             "total": sum(cycles.get(name, 0) for name in predicted["steps"]),
-            "first": found.first_cycles | (found.iterations[0].cycles if last else {}),
+            "first": found.first_cycles | (found.iterations[0].cycles if fullest else {}),
             "predicted": predicted["steps"],
             "predicted_total": predicted["total"],
             "as_predicted": _as_predicted(found, predicted["programs"]),
         },
         "bus": {
-            "words_per_iteration": 0 if last is None else last.traffic.words,
-            "register_words": 0 if last is None else last.traffic.register_words,
-            **({} if last is None else asdict(last.traffic)),
+            "words_per_iteration": 0 if fullest is None else fullest.traffic.words,
+            "register_words": 0 if fullest is None else fullest.traffic.register_words,
+            **({} if fullest is None else asdict(fullest.traffic)),
             "clocks_per_word": sum(each.bus_clocks for each in found.iterations) / words
             if words
             else None,
         },
-        "clocks_per_iteration": None if last is None else last.clocks,
+        "clocks_per_iteration": None if fullest is None else fullest.clocks,
         "iterations_per_second": own.steps / found.seconds if own.steps else None,
         "compiled": found.build.compiled,
         "build_seconds": found.build.seconds,
@@ -214,11 +214,12 @@ def _print_cosim(
     for heading in ("step", "core", "schedule"):
         table.add_column(heading, justify="left" if heading == "step" else "right")
     for name, predicted in cycles["predicted"].items():
-        table.add_row(name, str(cycles["steps"].get(name, "-")), str(predicted))
+        row = (str(cycles["steps"].get(name, "-")), str(predicted))
+        table.add_row(with_sensor(name, core.problem), *row)
     table.add_row("total", str(cycles["total"]), str(cycles["predicted_total"]), style="bold")
     results.print(table)
     if found.iterations:
-        traffic = found.iterations[-1].traffic
+        traffic = found.traffic
         results.print(
             f"Bus words per iteration: {traffic.words} ({traffic.words_read} read, "
             f"{traffic.words_written} written, {traffic.starts} starts of steps), and "

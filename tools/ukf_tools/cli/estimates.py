@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from ukf_sw.problems.finding import find
 from ukf_sw.spec.core import Core
 from ukf_tools.cli.console import (
     JsonOption,
@@ -18,6 +17,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.lists import numbers
+from ukf_tools.cli.names import with_sensor
 from ukf_tools.cli.options import with_core
 from ukf_tools.cli.paths import folder_option
 
@@ -47,10 +47,10 @@ def latency(core: Core, as_json: JsonOption = False) -> None:
     table.add_column("step")
     table.add_column("cycles", justify="right")
     for name, cycles in record["steps"].items():
-        table.add_row(_with_name(name, core), str(cycles))
+        table.add_row(with_sensor(name, core.problem), str(cycles))
     table.add_row("total", str(record["total"]), style="bold", end_section=True)
     for name, cycles in record["programs"].items():
-        table.add_row(_with_name(name, core), str(cycles))
+        table.add_row(with_sensor(name, core.problem), str(cycles))
     results.print(table)
     drawn = (
         "SIG_GEN is the drawing of new points after PREDICT."
@@ -62,14 +62,6 @@ def latency(core: Core, as_json: JsonOption = False) -> None:
         "to end; UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
         soft_wrap=True,
     )
-
-
-def _with_name(step: str, core: Core) -> str:
-    """Name of a step or program; with the name of its sensor instead of the number, if known."""
-    name, _, number = step.partition(" of sensor ")
-    if not number or core.problem is None:
-        return step
-    return f"{name} {find(core.problem).problem.sensor_names[int(number)]}"
 
 
 def _netlist(core: Core, cache: Path) -> Any:

@@ -1,8 +1,9 @@
 """Names of options, and messages about values in terms of them."""
 
+from ukf_sw.problems.finding import find
 from ukf_sw.spec.core import PARAMETERS
 
-__all__ = ["in_options", "option_of"]
+__all__ = ["in_options", "option_of", "with_sensor"]
 
 
 def option_of(label: str) -> str:
@@ -39,3 +40,11 @@ def in_options(message: str) -> str:
     """
     name, must, rule = message.partition(" must ")
     return f"{_OPTIONS.get(name, name)}{must}{rule}"
+
+
+def with_sensor(step: str, problem: str | None) -> str:
+    """Name of a step or program; with the name of its sensor, not the number, if that is known."""
+    name, _, number = step.partition(" of sensor ")
+    if not number or problem is None:
+        return step
+    return f"{name} {find(problem).problem.sensor_names[int(number)]}"
