@@ -36,6 +36,8 @@ class StrobedRW(csr.FieldAction):
     ----------
     shape : :ref:`shape-like object <lang-shapelike>`
         Shape of the field.
+    bits : :class:`int`
+        How many of its bits there are, from the lowest; the others are reserved.
     init : :class:`int`
         Value after reset.
 
@@ -49,13 +51,13 @@ class StrobedRW(csr.FieldAction):
         Value on the next clock: on the clock of a write, what it leaves.
     """
 
-    def __init__(self, shape, *, init=0):
+    def __init__(self, shape, *, bits, init=0):
         super().__init__(
             shape,
             access="rw",
             members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
         )
-        self._storage = Value.cast(Signal(shape, init=init))
+        self._storage = Signal(bits, init=init)
 
     def elaborate(self, platform):
         m = Module()
@@ -186,7 +188,8 @@ class Control(wiring.Component):
                 case Access.RO:
                     return csr.Field(csr.action.R, field.width)
                 case Access.RW:
-                    return csr.Field(StrobedRW, field.width, init=reset)
+                    bits = field.bits_of(self._params)
+                    return csr.Field(StrobedRW, field.width, bits=bits, init=reset)
                 case Access.W1S | Access.WO:
                     return csr.Field(csr.action.W, field.width)
                 case Access.RW1C:
