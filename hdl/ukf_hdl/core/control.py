@@ -57,7 +57,7 @@ class StrobedRW(csr.FieldAction):
             access="rw",
             members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
         )
-        self._storage = Signal(bits, init=init)
+        self._storage = Value.cast(Signal(bits, init=init))
 
     def elaborate(self, platform):
         m = Module()
