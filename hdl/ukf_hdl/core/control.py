@@ -43,11 +43,11 @@ class StrobedRW(csr.FieldAction):
 
     Members
     -------
-    strobe : :py:`In(shape)`
+    strobe : :py:`In(bits)`
         Bits to write, valid on the clock of the write.
-    data : :py:`Out(shape)`
+    data : :py:`Out(bits)`
         Value.
-    next : :py:`Out(shape)`
+    next : :py:`Out(bits)`
         Value on the next clock: on the clock of a write, what it leaves.
     """
 
@@ -55,7 +55,7 @@ class StrobedRW(csr.FieldAction):
         super().__init__(
             shape,
             access="rw",
-            members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
+            members={"strobe": In(bits), "data": Out(bits), "next": Out(bits)},
         )
         self._storage = Value.cast(Signal(bits, init=init))
 
@@ -450,7 +450,7 @@ class Control(wiring.Component):
     def _gate(self, fields):
         """The gate as a number."""
         words = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
-        return FloatLayout(self._params.format)(words[: self._params.format.width])
+        return FloatLayout(self._params.format)(words)
 
     def _elaborate_ending(self, m, gate, failed, flags, gated, nis):
         """What the end of a program does to the flags and banks, as in the table."""
