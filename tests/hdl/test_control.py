@@ -31,7 +31,6 @@ from ukf_sw.spec.registers import (
     STATUS,
     W0_HIGH,
     W0_LOW,
-    Access,
     ErrorCode,
 )
 from ukf_sw.spec.sequence import Program, Step
@@ -62,6 +61,7 @@ class Model:
 
     params: UkfParams
     words: dict = field(default_factory=dict)
+    stored: dict = field(default_factory=dict)  # bits of those that a write stores
     step: Step = Step.IDLE
     program: Program = Program.INIT
     sensor: int = 0
@@ -84,9 +84,15 @@ class Model:
 
     def __post_init__(self):
         infinity = self.params.format.infinity
+        number = (1 << self.params.format.width) - 1
+        observations = (1 << self.params.m) - 1
         self.words = {
-            CONTROL: 0, INTERRUPT_ENABLE: 0, MASK: 0xFFFF_FFFF,
+            CONTROL: 0, INTERRUPT_ENABLE: 0, MASK: observations,
             GATE_LOW: infinity & 0xFFFF_FFFF, GATE_HIGH: infinity >> 32,
+        }  # fmt: skip
+        self.stored = {
+            CONTROL: 1, INTERRUPT_ENABLE: 0b11, MASK: observations,
+            GATE_LOW: number & 0xFFFF_FFFF, GATE_HIGH: number >> 32,
         }  # fmt: skip
 
     @property
@@ -150,8 +156,8 @@ class Model:
             mask = sum(0xFF << 8 * i for i in range(4) if write[2] >> i & 1)
             action = write[1] & mask
             if register in self.words:
-                legal = sum(f.mask for f in register if f.access is Access.RW)
-                self.words[register] = (self.words[register] & ~mask | action) & legal
+                kept = self.words[register] & ~mask
+                self.words[register] = (kept | action) & self.stored[register]
             elif register is INTERRUPT_PENDING:
                 clear = action
         reset = False
@@ -206,7 +212,7 @@ class Model:
         self.sensor = sensor if step is Step.UPDATE else 0
         if self.sensor:
             self.seen.add("another sensor")
-        self.mask = self.words[MASK] & ((1 << self.params.m) - 1)
+        self.mask = self.words[MASK]
         self.program = {
             Step.INIT: Program.INIT,
             Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
@@ -473,6 +479,8 @@ async def test_reset_values_are_those_of_the_description(bench):
             expected = p.n | p.m << 24
         elif register is CONFIG:
             expected = p.pes | 8 << 8 | 23 << 12
+        elif register is MASK:
+            expected = 1
         elif register is GATE_LOW:
             expected = 0x7F80_0000
         elif register is SENSORS:
@@ -503,15 +511,15 @@ async def test_start_follows_the_write_by_a_clock(bench):
 @with_bench()
 async def test_a_read_right_after_a_write_sees_it(bench):
     for word in (0x1234_5678, 0xFFFF_0000, 0):
-        await bench.write(MASK, word)
-        assert await bench.read(MASK) == word
+        await bench.write(GATE_LOW, word)
+        assert await bench.read(GATE_LOW) == word
 
 
 @with_bench()
 async def test_bytes_that_are_not_strobed_stay(bench):
-    await bench.write(MASK, 0x1122_3344)
-    await bench.write(MASK, 0xAABB_CCDD, strobe=0b0110)
-    assert await bench.read(MASK) == 0x11BB_CC44
+    await bench.write(GATE_LOW, 0x1122_3344)
+    await bench.write(GATE_LOW, 0xAABB_CCDD, strobe=0b0110)
+    assert await bench.read(GATE_LOW) == 0x11BB_CC44
     await bench.write(CONTROL, 1)
     await bench.write(CONTROL, start_bit(Step.INIT), strobe=0b0010)
     assert await bench.get(CONTROL, "ENABLE") == 1
@@ -521,6 +529,54 @@ async def test_bytes_that_are_not_strobed_stay(bench):
     assert await bench.read(INTERRUPT_PENDING) == 0b01
     await bench.write(CONTROL, CONTROL["RESET"].mask | start_bit(Step.INIT), strobe=0b0000)
     assert await bench.get(STATUS, "INITIALISED") == 1
+
+
+@pytest.mark.parametrize(
+    ("params", "mask", "low", "high"),
+    [
+        (UkfParams(n=1, m=1), 1, 0xFFFF_FFFF, 0),
+        (UkfParams(n=1, m=6, sensors=(2, 4)), 0b11_1111, 0xFFFF_FFFF, 0),
+        (UkfParams(n=1, m=32, format=BINARY16), 0xFFFF_FFFF, 0xFFFF, 0),
+        (UkfParams(n=1, m=31, format=BINARY64), 0x7FFF_FFFF, 0xFFFF_FFFF, 0xFFFF_FFFF),
+    ],
+)
+def test_bits_that_a_core_has_no_use_for_are_reserved(params, mask, low, high):
+    dut = Control(params)
+
+    async def testbench(ctx):
+        bench = Bench(ctx, dut)
+        assert await bench.read(MASK) == mask, "all observations take part after reset"
+        for register, stored in ((MASK, mask), (GATE_LOW, low), (GATE_HIGH, high)):
+            for word in (0xFFFF_FFFF, 0, 0xA5A5_A5A5):
+                await bench.write(register, word)
+                assert await bench.read(register) == word & stored, register.name
+
+    simulate(dut, testbench)
+
+
+@pytest.mark.parametrize("sensors", [(), (1, 1, 1)])
+def test_an_update_of_a_sensor_that_is_not_there_is_illegal(sensors):
+    dut = Control(UkfParams(n=1, m=3, sensors=sensors))
+
+    async def testbench(ctx):
+        bench = Bench(ctx, dut)
+        for sensor in range(32):
+            word = CONTROL["SENSOR"].put(sensor) | CONTROL["ENABLE"].mask
+            await bench.write(CONTROL, word | start_bit(Step.INIT))
+            await bench.end()
+            await bench.run(Step.SIG_GEN)
+            assert await bench.read(ERROR) == 0, "SENSOR counts for UPDATE only"
+            before = await bench.read(STATUS)
+            await bench.write(CONTROL, word | start_bit(Step.UPDATE))
+            if sensor < max(len(sensors), 1):
+                assert await bench.get(STATUS, "STATE") == Step.UPDATE
+                assert ctx.get(dut.run.sensor) == sensor
+                await bench.end()
+            else:
+                assert await bench.read(ERROR) == ErrorCode.ILLEGAL_STEP
+                assert await bench.read(STATUS) == before
+
+    simulate(dut, testbench)
 
 
 @with_bench()

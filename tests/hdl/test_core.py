@@ -206,8 +206,8 @@ def test_reset_of_the_package_is_active_low():
                 ctx.set(top.aclk, 0)
                 await ctx.delay(5e-9)
 
-        async def read_mask():
-            ctx.set(top.s_axi_araddr, MASK.offset)
+        async def read_gate():
+            ctx.set(top.s_axi_araddr, GATE_LOW.offset)
             ctx.set(top.s_axi_arvalid, 1)
             await clocks(1)
             ctx.set(top.s_axi_arvalid, 0)
@@ -217,7 +217,7 @@ def test_reset_of_the_package_is_active_low():
 
         ctx.set(top.aresetn, 1)
         for signal, data in (
-            (top.s_axi_awaddr, MASK.offset), (top.s_axi_wdata, 0x1234), (top.s_axi_wstrb, 0xF),
+            (top.s_axi_awaddr, GATE_LOW.offset), (top.s_axi_wdata, 0x1234), (top.s_axi_wstrb, 0xF),
             (top.s_axi_awvalid, 1), (top.s_axi_wvalid, 1), (top.s_axi_bready, 1),
         ):  # fmt: skip
             ctx.set(signal, data)
@@ -225,14 +225,14 @@ def test_reset_of_the_package_is_active_low():
         ctx.set(top.s_axi_awvalid, 0)
         ctx.set(top.s_axi_wvalid, 0)
         await clocks(5)
-        assert await read_mask() == 0x1234
+        assert await read_gate() == 0x1234
         # With the response still there.
         ctx.set(top.aresetn, 0)
         await clocks(1)
         assert not ctx.get(top.s_axi_rvalid)
         await clocks(2)
         ctx.set(top.aresetn, 1)
-        assert await read_mask() == 0xFFFF_FFFF
+        assert await read_gate() == SMALLEST.format.infinity
 
     sim = Simulator(top)
     sim.add_testbench(testbench)

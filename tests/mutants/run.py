@@ -107,6 +107,17 @@ MUTANTS = [
         f"{CONTROL} -k sensors",
     ),
     Mutant(
+        "sensors: an update of one that is not there is started", "hdl/ukf_hdl/core/control.py",
+        "way.legal & is_there &", "way.legal &",
+        f"{CONTROL} -k not_there",
+    ),
+    Mutant(
+        "registers: MASK has bits of observations that are not there",
+        "sw/ukf_sw/spec/registers.py",
+        ", bits=lambda p: p.m,", ",",
+        f"{CONTROL} -k reserved",
+    ),
+    Mutant(
         "multiplier: ties are not to even", "hdl/ukf_hdl/arithmetic/float_multiplier.py",
         "round_up.eq(total[low] & (total[low + 1] | sticky))",
         "round_up.eq(total[low])",

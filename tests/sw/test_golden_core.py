@@ -124,7 +124,7 @@ def test_registers_after_power_up(number_format):
         ID: 0x554B_0004,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
-        MASK: 0xFFFF_FFFF,
+        MASK: 0b11,
         GATE_LOW: number_format.infinity & 0xFFFF_FFFF,
         GATE_HIGH: number_format.infinity >> 32,
         W0_LOW: 0x9999_999A,
@@ -140,15 +140,31 @@ def test_only_writable_fields_change(core):
     for register in REGISTERS:
         assert core.write(register.offset, everything if register is CONTROL else 0xFFFF_FFFF)
     after = {register: read(core, register) for register in REGISTERS}
-    expected = before | {
-        INTERRUPT_ENABLE: 0b11, GATE_LOW: 0xFFFF_FFFF, GATE_HIGH: 0xFFFF_FFFF
-    }  # fmt: skip
-    assert after == expected
+    assert after == before | {INTERRUPT_ENABLE: 0b11, GATE_LOW: 0xFFFF_FFFF}
+
+
+@pytest.mark.parametrize(
+    ("number_format", "low", "high"),
+    [
+        (BINARY16, 0xFFFF, 0),
+        (FloatFormat(exponent_bits=8, fraction_bits=31), 0xFFFF_FFFF, 0xFF),
+        (BINARY64, 0xFFFF_FFFF, 0xFFFF_FFFF),
+    ],
+)
+def test_bits_that_a_core_has_no_use_for_are_reserved(number_format, low, high):
+    params = UkfParams(n=2, m=3, format=number_format)
+    core = GoldenCore(params, engine=FakeEngine(params))
+    for register, stored in ((MASK, 0b111), (GATE_LOW, low), (GATE_HIGH, high)):
+        for word in (0xFFFF_FFFF, 0, 0xA5A5_A5A5):
+            core.write(register.offset, word)
+            assert read(core, register) == word & stored
 
 
 @pytest.mark.parametrize("register", [MASK, GATE_LOW, GATE_HIGH])
 @pytest.mark.parametrize("strobe", range(16))
-def test_byte_strobes_of_registers(core, register, strobe):
+def test_byte_strobes_of_registers(register, strobe):
+    params = UkfParams(n=1, m=32, format=BINARY64)
+    core = GoldenCore(params, engine=FakeEngine(params))
     core.write(register.offset, 0x11223344)
     core.write(register.offset, 0xAABBCCDD, strobe)
     expected = bytes(
@@ -193,6 +209,22 @@ def test_unmapped_addresses_are_refused(core):
 
 
 # Sequence of steps.
+
+
+@pytest.mark.parametrize("sensors", [(), (1, 1, 1)])
+@pytest.mark.parametrize("sensor", [0, 1, 2, 3, 31])
+def test_an_update_of_a_sensor_that_is_not_there_is_illegal(sensors, sensor):
+    params = UkfParams(n=2, m=3, sensors=sensors)
+    core = GoldenCore(params, engine=FakeEngine(params))
+    chosen = CONTROL["SENSOR"].put(sensor) | ENABLE
+    for step in (Step.INIT, Step.SIG_GEN):
+        core.write(CONTROL.offset, chosen | START[step])
+    assert (error(core), core.engine.sensors) == ((0, 0), [0, 0]), "it counts for UPDATE only"
+    core.write(CONTROL.offset, chosen | START[Step.UPDATE])
+    if sensor < max(len(sensors), 1):
+        assert (error(core), core.engine.sensors[2:]) == ((0, 0), [sensor])
+    else:
+        assert (error(core), core.engine.sensors[2:]) == (ILLEGAL, [])
 
 
 def test_steps_are_legal_only_in_sequence(core):

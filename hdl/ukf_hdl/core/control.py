@@ -36,26 +36,28 @@ class StrobedRW(csr.FieldAction):
     ----------
     shape : :ref:`shape-like object <lang-shapelike>`
         Shape of the field.
+    bits : :class:`int`
+        How many of its bits there are, from the lowest; the others are reserved.
     init : :class:`int`
         Value after reset.
 
     Members
     -------
-    strobe : :py:`In(shape)`
+    strobe : :py:`In(bits)`
         Bits to write, valid on the clock of the write.
-    data : :py:`Out(shape)`
+    data : :py:`Out(bits)`
         Value.
-    next : :py:`Out(shape)`
+    next : :py:`Out(bits)`
         Value on the next clock: on the clock of a write, what it leaves.
     """
 
-    def __init__(self, shape, *, init=0):
+    def __init__(self, shape, *, bits, init=0):
         super().__init__(
             shape,
             access="rw",
-            members={"strobe": In(shape), "data": Out(shape), "next": Out(shape)},
+            members={"strobe": In(bits), "data": Out(bits), "next": Out(bits)},
         )
-        self._storage = Value.cast(Signal(shape, init=init))
+        self._storage = Value.cast(Signal(bits, init=init))
 
     def elaborate(self, platform):
         m = Module()
@@ -186,7 +188,8 @@ class Control(wiring.Component):
                 case Access.RO:
                     return csr.Field(csr.action.R, field.width)
                 case Access.RW:
-                    return csr.Field(StrobedRW, field.width, init=reset)
+                    bits = field.bits_of(self._params)
+                    return csr.Field(StrobedRW, field.width, bits=bits, init=reset)
                 case Access.W1S | Access.WO:
                     return csr.Field(csr.action.W, field.width)
                 case Access.RW1C:
@@ -447,7 +450,7 @@ class Control(wiring.Component):
     def _gate(self, fields):
         """The gate as a number."""
         words = Cat(fields["GATE_LOW"].VALUE.data, fields["GATE_HIGH"].VALUE.data)
-        return FloatLayout(self._params.format)(words[: self._params.format.width])
+        return FloatLayout(self._params.format)(words)
 
     def _elaborate_ending(self, m, gate, failed, flags, gated, nis):
         """What the end of a program does to the flags and banks, as in the table."""

@@ -69,8 +69,14 @@ def _mask_of(register: Register, *kinds: Access) -> int:
     return sum(field.mask for field in register if field.access in kinds)
 
 
-#: Bits of each register that a write stores.
-_STORED = {register: _mask_of(register, Access.RW) for register in REGISTERS}
+def _stored_by(register: Register, params: UkfParams) -> int:
+    """Bits that a write stores."""
+    return sum(
+        field.put((1 << field.bits_of(params)) - 1)
+        for field in register
+        if field.access is Access.RW
+    )
+
 
 #: What a write to CONTROL may change.
 _CHANGING = (
@@ -157,6 +163,8 @@ class GoldenCore:
         self._buffer = GoldenBuffer(self.engine.layout, self.engine.memory)
         self._register_space = MemoryMap(params).region_stride
         self._words = {register: register.after_reset(params) for register in REGISTERS}
+        #: Bits of each register that a write stores.
+        self._stored = {register: _stored_by(register, params) for register in REGISTERS}
 
         self._step_mask = 0
         self._nis = 0
@@ -299,7 +307,7 @@ class GoldenCore:
 
     def _write_register(self, register: Register, data: int, bits: int) -> None:
         """Write the bits that are strobed: what is stored, then what acts."""
-        stored = _STORED[register] & bits
+        stored = self._stored[register] & bits
         self._words[register] = self._words[register] & ~stored | data & stored
         act = self._acts.get(register)
         if act is not None:
@@ -399,7 +407,8 @@ class GoldenCore:
             If it does not.
         """
         for register in REGISTERS:
-            if (register in cls._shows) == bool(register.is_fixed or _STORED[register]):
+            stores = bool(_mask_of(register, Access.RW))
+            if (register in cls._shows) == (register.is_fixed or stores):
                 raise RuntimeError(f"GoldenCore must show {register.name} in one way")
             acts = bool(_mask_of(register, Access.W1S, Access.RW1C))
             if acts != (register in cls._acts):

@@ -63,6 +63,9 @@ class Field:
     of
         Function that gives the value after reset for a core of some parameters, where it depends
         on them. A field that is read only then is part of what identifies a core.
+    bits
+        Function that gives how many of its bits, from the lowest, a core of some parameters has,
+        where it needs fewer than the widest core. The others are reserved.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class Field:
     reset: int = 0
     doc: str
     of: Callable[[UkfParams], int] | None = None
+    bits: Callable[[UkfParams], int] | None = None
 
     def __post_init__(self) -> None:
         if self.lsb < 0 or self.width < 1 or self.lsb + self.width > DATA_WIDTH:
@@ -97,6 +101,10 @@ class Field:
     def value_after_reset(self, params: UkfParams) -> int:
         """Value after reset, for a core of these parameters."""
         return self.reset if self.of is None else self.of(params)
+
+    def bits_of(self, params: UkfParams) -> int:
+        """How many of its bits a core of these parameters has, from the lowest."""
+        return self.width if self.bits is None else self.bits(params)
 
     def get(self, word: int) -> int:
         """Extract the field from a register word."""
@@ -170,11 +178,11 @@ def _word(
     access: Access,
     doc: str,
     *,
-    reset: int = 0,
     of: Callable[[UkfParams], int] | None = None,
+    bits: Callable[[UkfParams], int] | None = None,
 ) -> Register:
     """A register that is one number."""
-    field = Field(name="VALUE", lsb=0, width=32, access=access, reset=reset, of=of, doc=doc)
+    field = Field(name="VALUE", lsb=0, width=32, access=access, of=of, bits=bits, doc=doc)
     return Register(name=name, offset=offset, doc=doc, fields=(field,))
 
 
@@ -228,7 +236,8 @@ CONTROL = Register(
                   "Wins over a start bit of the same write."),
         *_steps(8, Access.W1S, "Start {}."),
         Field(name="SENSOR", lsb=16, width=5, access=Access.WO,
-              doc="Sensor, from 0, whose UPDATE the start bit of the same write starts."),
+              doc="Sensor, from 0, whose UPDATE the start bit of the same write starts. The start "
+                  "is illegal if there is no such sensor."),
     ),
 )  # fmt: skip
 STATUS = Register(
@@ -273,12 +282,10 @@ INTERRUPT_PENDING = Register(
 )  # fmt: skip
 CYCLES = _word("CYCLES", 0x20, Access.RO, "Clocks from start to end of the last step.")
 MASK = _word(
-    "MASK",
-    0x24,
-    Access.RW,
-    "Bit i takes observation i into UPDATE, as of its start.",
-    reset=0xFFFF_FFFF,
-)
+    "MASK", 0x24, Access.RW,
+    "Bit i takes observation i into UPDATE, as of its start; bits from m on are reserved.",
+    of=lambda p: (1 << p.m) - 1, bits=lambda p: p.m,
+)  # fmt: skip
 NIS_LOW = _word(
     "NIS_LOW", 0x28, Access.RO, "Normalised innovation squared of the last UPDATE, a number."
 )
@@ -286,12 +293,12 @@ NIS_HIGH = _word("NIS_HIGH", 0x2C, Access.RO, "Its upper half, for formats of 64
 GATE_LOW = _word(
     "GATE_LOW", 0x30, Access.RW,
     "UPDATE is rejected when NIS exceeds this number, or the format while z is finite; infinity, "
-    "the reset value, is off.",
-    of=lambda p: p.format.infinity & 0xFFFF_FFFF,
+    "the reset value, is off. Bits that the format does not have are reserved.",
+    of=lambda p: p.format.infinity & 0xFFFF_FFFF, bits=lambda p: min(p.format.width, DATA_WIDTH),
 )  # fmt: skip
 GATE_HIGH = _word(
     "GATE_HIGH", 0x34, Access.RW, "Its upper half, for formats of 64 bits.",
-    of=lambda p: p.format.infinity >> 32,
+    of=lambda p: p.format.infinity >> 32, bits=lambda p: max(p.format.width - DATA_WIDTH, 0),
 )  # fmt: skip
 
 
