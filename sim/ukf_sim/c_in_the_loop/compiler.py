@@ -218,7 +218,7 @@ def compile_application(
     folders = [f"-I{path}" for path in searched]
     with tempfile.TemporaryDirectory(prefix="ukf-objects-") as scratch:
         folder = Path(scratch)
-        objects = compile_objects(own, folder, [headers], toolchain=toolchain, flags=flags)
+        objects: list[Path] = []
         for number, source in enumerate(models):
             # Files in different folders may have the same name.
             objects.append(folder / f"models-{number}.o")
@@ -228,5 +228,6 @@ def compile_application(
             )
             if told and warn is not None:
                 warn(told)
+        objects += compile_objects(own, folder, [headers], toolchain=toolchain, flags=flags)
         _run(toolchain, [*flags, *link_flags, *map(str, objects), "-o", str(output), "-lm"])
     return output

@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 
 from ukf_hdl.generate import NAME, generate
 from ukf_sim.builds import EXECUTABLE, Build, build_executable
-from ukf_sim.c_in_the_loop.compiler import INCLUDES, Toolchain, compile_application
+from ukf_sim.c_in_the_loop.compiler import (
+    INCLUDES,
+    Toolchain,
+    compile_application,
+    write_headers,
+)
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.errors import StepError
@@ -225,11 +230,13 @@ def run_c_in_the_loop(
         folder = Path(scratch)
         tell("generate")
         scenario_file, _ = export_scenario(problem, steps, folder)
-        generate(problem.params, pipeline, folder / "rtl")
+        # First, because models are what is wrong most often.
+        write_headers(problem.params, folder / "headers")
         application = compile_application(
-            folder / "application.so", folder / "rtl" / "c", models,
-            flags=("-fPIC",), link_flags=SHARED, warn=warn,
+            folder / "application.so", folder / "headers", models, flags=("-fPIC",),
+            link_flags=SHARED, warn=warn,
         )  # fmt: skip
+        generate(problem.params, pipeline, folder / "rtl")
         built = build_executable(
             folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], [], cache, includes=INCLUDES,
             libraries=("dl",), optimise=optimise, compiling=lambda: tell("compile"),
