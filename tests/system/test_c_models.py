@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -295,6 +296,22 @@ def test_the_models_of_the_page_compile(tmp_path):
     (tmp_path / "model.c").write_text(program)
     write_headers(UkfParams(n=2, m=1, q=1, r=1), tmp_path)
     compile_c([tmp_path / "model.c"], tmp_path / "model.o", [tmp_path], flags=("-c",))
+
+
+@needs_cc
+def test_headers_are_made_without_a_word(tmp_path):
+    """Amaranth would complain of a core that is described and not elaborated, at any time."""
+    program = (
+        "import gc, pathlib, sys\n"
+        "from ukf_sim.c_in_the_loop.compiler import write_headers\n"
+        "from ukf_sw.spec.parameters import UkfParams\n"
+        "write_headers(UkfParams(n=1, m=1), pathlib.Path(sys.argv[1]))\n"
+        "gc.collect()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 # Plot.

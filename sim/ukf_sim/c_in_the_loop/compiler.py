@@ -1,11 +1,15 @@
 """Compiling the C driver and applications."""
 
+import gc
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from enum import Enum
 from pathlib import Path
+
+from amaranth.hdl import UnusedElaboratable
 
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import description
@@ -99,7 +103,12 @@ def write_headers(params: UkfParams, folder: Path) -> None:
         Folder to write to; made if absent.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in c_headers(description(UkfCore(params))).items():
+    with warnings.catch_warnings():
+        # Amaranth says of parts of a core that they were never elaborated, when they are destroyed.
+        warnings.simplefilter("ignore", UnusedElaboratable)
+        headers = c_headers(description(UkfCore(params)))
+        gc.collect()
+    for name, text in headers.items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
