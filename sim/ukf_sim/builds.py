@@ -170,6 +170,7 @@ def build_executable(
     cache: Path,
     *,
     includes: Sequence[Path] = (),
+    libraries: Sequence[str] = (),
     optimise: bool = True,
     compiling: Callable[[], None] | None = None,
 ) -> Build:
@@ -189,6 +190,8 @@ def build_executable(
         Folder of compiled sources, as for :func:`build`.
     includes
         Folders of headers.
+    libraries
+        Names of libraries of the system to link, as "dl".
     optimise, compiling
         As for :func:`build`.
 
@@ -205,7 +208,9 @@ def build_executable(
     simulator = Simulator.VERILATOR
     simulator.require()
     make_flags = simulator.make_flags(optimise)
-    flags = simulator.tool.flags
+    flags = [*simulator.tool.flags]
+    for library in libraries:
+        flags += ["-LDFLAGS", f"-l{library}"]
     # What is compiled is what was hashed, even if somebody edits the files meanwhile.
     inputs = {path.name: path.read_bytes() for path in (verilog, *sources, *objects)}
     identity = {

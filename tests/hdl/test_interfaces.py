@@ -364,7 +364,7 @@ def test_the_program_of_the_page_stops_if_something_is_wrong(device, message, c_
     """Without a device, and with one that is no core."""
     folder = tmp_path / "c"
     shutil.copytree(c_folder, folder)
-    program, _ = programs_of_the_page()
+    program = programs_of_the_page()[0]
     assert program.count('"/dev/uio0') == 2
     (folder / "my_models.h").write_text(MY_MODELS)
     (folder / "main.c").write_text(program.replace("/dev/uio0", device))

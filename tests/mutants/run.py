@@ -25,6 +25,7 @@ SEQUENCER = "tests/hdl/test_sequencer.py"
 DESIGN_SPACE = "tests/system/test_design_space.py"
 C_DRIVER = "tests/system/test_c_driver.py"
 C_RECOVERY = "tests/system/test_c_recovery.py"
+C_MODELS = "tests/system/test_c_models.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
 
 
@@ -501,6 +502,27 @@ MUTANTS = [
         "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
         "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
         C_DRIVER,
+    ),
+    Mutant(
+        "C application: a sensor sees the mask of the first", "sw/c/apps/scenario_run.c",
+        "sampled >> rows.first &", "sampled &",
+        C_MODELS + " -k with_an_angle",
+    ),
+    Mutant(
+        "C application: NIS of the last sensor only", "sw/c/apps/scenario_run.c",
+        "(ukf_is_number(record->nis) ? record->nis : 0.0) + (double)ukf->nis", "(double)ukf->nis",
+        C_MODELS + " -k with_an_angle",
+    ),
+    Mutant(
+        "C application: a scenario for another core is run", "sw/c/apps/scenario_run.c",
+        "scenario->m != UKF_M || scenario->q != UKF_Q ||", "scenario->m != UKF_M ||",
+        C_MODELS + " -k another_core",
+    ),
+    Mutant(
+        "C models: a warning about a user's file is an error",
+        "sim/ukf_sim/c_in_the_loop/compiler.py",
+        'USER_FLAGS = ("-std=gnu11",)', "USER_FLAGS = OWN_FLAGS",
+        C_MODELS + " -k warnings",
     ),
     Mutant(
         "filter: an error that leaves a doubt leaves none", "sw/ukf_sw/certainty.py",

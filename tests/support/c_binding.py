@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sim.c_in_the_loop.compiler import APPLICATION, DRIVER, compile_c, write_headers
+from ukf_sim.c_in_the_loop.compiler import DRIVER, NANOSAT_MODELS, compile_c, write_headers
 from ukf_sw.drivers.bus import Bus
 from ukf_sw.errors import BusError
 from ukf_sw.spec.parameters import UkfParams
@@ -124,7 +124,7 @@ def compile_library(
         If it does not compile.
     """
     write_headers(params, folder)
-    sources = [*DRIVER, BINDING, *(APPLICATION[:1] if application else ())]
+    sources = [*DRIVER, BINDING, *((NANOSAT_MODELS,) if application else ())]
     library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC", *flags))
     return ctypes.CDLL(str(library))
 

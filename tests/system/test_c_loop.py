@@ -176,18 +176,36 @@ def test_steps_must_be_there(steps, tmp_path):
         export_scenario(nanosat(steps=3), steps, tmp_path)
 
 
-def test_scenarios_with_more_than_numbers_are_refused(tmp_path):
-    made = CATALOGUE["ctrv"].scenario(steps=3)
-    with pytest.raises(ValueError, match=r"^scenario must have numbers only, no angles, not 'ctrv"):
+def test_arguments_of_observation_models_are_refused(tmp_path):
+    made = nanosat(steps=3)
+    data = replace(made.record, observation_arguments=[{}] * 3)
+    with pytest.raises(ValueError, match=r"^scenario must have no observation arguments, which "):
+        export_scenario(replace(made, data=data), 3, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [[{"torque": 1.0}] * 3, ["left"] * 3, np.zeros((3, 33)), np.full((3, 1), np.nan),
+     [np.zeros(1), np.zeros(2), np.zeros(1)]],
+    ids=["dicts", "text", "33", "nan", "ragged"],
+)  # fmt: skip
+def test_inputs_are_numbers(inputs, tmp_path):
+    made = nanosat(steps=3)
+    made = replace(made, inputs=(), data=replace(made.record, inputs=inputs))
+    message = (
+        "^scenario must have inputs that are at most 32 finite numbers each, not those of 'nan"
+    )
+    with pytest.raises(ValueError, match=message):
         export_scenario(made, 3, tmp_path)
 
 
-def test_angles_of_any_sensor_are_refused(tmp_path):
-    made = random_scenario(UkfParams(n=2, m=3, sensors=(1, 2)), steps=3)
-    sensors = {name: made.sensor(name) for name in made.sensor_names}
-    sensors["s1"] = replace(sensors["s1"], angles=(0,))
-    with pytest.raises(ValueError, match=r"^scenario must have numbers only, no angles, not "):
-        export_scenario(replace(made, sensors=sensors), 3, tmp_path)
+def test_an_input_may_be_a_number(tmp_path):
+    made = random_scenario(UkfParams(n=2, m=1), steps=3)
+    made = replace(made, data=replace(made.record, inputs=[1.5, -2.0, 3]))
+    binary, _ = export_scenario(made, 3, tmp_path)
+    data = binary.read_bytes()
+    assert np.frombuffer(data, "<u4", 8)[6:].tolist() == [1, 3]
+    assert np.frombuffer(data, "<f8", 3, len(data) - 12 - 24 - 24).tolist() == [1.5, -2.0, 3.0]
 
 
 def test_sensors_stand_beside_each_other(tmp_path):

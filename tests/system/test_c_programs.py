@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 from ukf_sim.c_in_the_loop.compiler import (
-    APPLICATION,
+    BARE_METAL_MAIN,
     DRIVER,
     LINUX_MAIN,
+    NANOSAT_MODELS,
+    RUN,
     CompilerError,
     Toolchain,
+    compile_application,
     compile_c,
     compile_objects,
     write_headers,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
-from ukf_sw.c_sources import C_SOURCES
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problem import Sensor
 from ukf_sw.problems.scenario_files import export_scenario, read_results
@@ -39,9 +41,7 @@ def program(tmp_path_factory):
     """The program for Linux, native, with sanitizers."""
     folder = tmp_path_factory.mktemp("program")
     write_headers(NANOSAT, folder)
-    return compile_c(
-        [*DRIVER, *APPLICATION, *LINUX_MAIN], folder / "nanosat", [folder], flags=SANITIZED
-    )
+    return compile_application(folder / "nanosat", folder, main=LINUX_MAIN, flags=SANITIZED)
 
 
 def run(program, scenario, folder, *, bus=None, steps=STEPS, options=()):
@@ -112,9 +112,7 @@ def test_two_sensors(noise, tmp_path):
     scenario = of_two_sensors(one, np.random.default_rng(1).random((24, 6)) < 0.3)
     assert scenario.params.sensors == (3, 3)
     write_headers(scenario.params, tmp_path)
-    program = compile_c(
-        [*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path], flags=SANITIZED
-    )
+    program = compile_application(tmp_path / "nanosat", tmp_path, main=LINUX_MAIN, flags=SANITIZED)
     done, results = run(program, scenario, tmp_path, steps=24)
     assert done.returncode == 0, done.stderr
     assert first_difference(results, golden_results(scenario, 24)) is None
@@ -126,7 +124,7 @@ def test_two_sensors(noise, tmp_path):
 @needs_cc
 def test_additive_noise(tmp_path):
     write_headers(NANOSAT_ADDITIVE, tmp_path)
-    program = compile_c([*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path])
+    program = compile_application(tmp_path / "nanosat", tmp_path, main=LINUX_MAIN)
     scenario = nanosat(noise=Noise.ADDITIVE, steps=STEPS)
     done, results = run(program, scenario, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -137,10 +135,9 @@ def test_additive_noise(tmp_path):
 def test_single_precision(tmp_path):
     """With -DUKF_REAL=float the models round, but hardly otherwise than binary32 does anyway."""
     write_headers(NANOSAT, tmp_path)
-    program = compile_c(
-        [*DRIVER, *APPLICATION, *LINUX_MAIN], tmp_path / "nanosat", [tmp_path],
-        flags=("-DUKF_REAL=float",),
-    )  # fmt: skip
+    program = compile_application(
+        tmp_path / "nanosat", tmp_path, main=LINUX_MAIN, flags=("-DUKF_REAL=float",)
+    )
     scenario = nanosat(steps=STEPS)
     done, results = run(program, scenario, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -321,10 +318,7 @@ def test_the_program_without_an_operating_system(toolchain, tmp_path):
         pytest.skip(f"{toolchain.command[0]} is not installed")
     write_headers(NANOSAT, tmp_path)
     export_scenario(nanosat(steps=20), 20, tmp_path)
-    sources = [
-        *DRIVER, C_SOURCES / "apps/nanosat/nanosat.c", C_SOURCES / "ports/bare_metal.c",
-        C_SOURCES / "apps/nanosat/nanosat_bare_metal.c",
-    ]  # fmt: skip
+    sources = [*DRIVER, *RUN, NANOSAT_MODELS, *BARE_METAL_MAIN]
     objects = compile_objects(
         sources, tmp_path, [tmp_path], toolchain=toolchain, flags=("-ffreestanding",)
     )
@@ -338,11 +332,11 @@ def test_the_program_without_an_operating_system(toolchain, tmp_path):
     undefined = {name for name, kind in kinds.items() if kind == "U"}
     # The compiler's own helpers for arithmetic begin with two underscores.
     assert {name for name in undefined if not name.startswith("__")} <= FREESTANDING
-    assert kinds["main"] == kinds["nanosat_interrupt"] == "T"
+    assert kinds["main"] == kinds["ukf_run_interrupt"] == "T"
 
 
 @needs_cc
 def test_a_core_of_other_sizes_does_not_compile(tmp_path):
     write_headers(UkfParams(n=2, m=1), tmp_path)
     with pytest.raises(CompilerError, match="the core must be generated for 7 states"):
-        compile_c([APPLICATION[0]], tmp_path / "nanosat.o", [tmp_path], flags=("-c",))
+        compile_c([NANOSAT_MODELS], tmp_path / "nanosat.o", [tmp_path], flags=("-c",))

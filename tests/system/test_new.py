@@ -145,7 +145,7 @@ def test_workflows_run_the_commands_of_the_makefile(new, tmp_path):
         text = (tmp_path / "strut" / file).read_text()
         jobs = yaml.safe_load(text)
         assert "jobs" in jobs or "script" in jobs["test"]
-        targets = re.findall(r"make (\w+) PYTHON", text)
+        targets = re.findall(r"- (?:run: )?make (\w+)", text)
         assert targets == ["test"]
         assert all(f"\n{target}:" in makefile for target in targets)
         (report,) = re.findall(r"build/\S+\.xml", text)
@@ -198,10 +198,13 @@ def test_project_works_as_it_is(new, tmp_path, core_cache):
     text = make("cosim")
     assert "Bit-exact: " in text
     assert "UPDATE" in text
+    text = make("c-loop")
+    assert "Bit-exact: " in text.replace("[/]", "")
+    assert "Errors within the filter's own 3 standard deviations: cell 0 " in text
     assert "UPDATE" in make("latency")
     assert "build/rtl/ukf_core.v" in make("generate")
     assert "module ukf_core" in (project / "build" / "rtl" / "ukf_core.v").read_text()
-    for image in ("run.png", "cosim.png"):
+    for image in ("run.png", "cosim.png", "c-loop.png"):
         assert (project / "build" / image).read_bytes().startswith(b"\x89PNG")
-    for target in ("run", "cosim", "latency", "generate", "test", "test-fast", "clean"):
+    for target in ("run", "cosim", "c-loop", "latency", "generate", "test", "test-fast", "clean"):
         assert f"\n{target} " in "\n" + make("help")

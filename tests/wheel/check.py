@@ -166,6 +166,8 @@ def check_everything(folder: Path, wheel: Path) -> Path:
         raise CheckError("make must be installed")
     (place.bin / "make").symlink_to(make)
     place.run("make", "test", "PYTHON=python", cwd=project)
+    text = place.run("make", "c-loop", "PYTHON=python", cwd=project)
+    expect("Bit-exact" in text, "models of one's own in C equal those in Python")
     check_read_only(place, folder)
     estimates = folder / "golden.npz"
     place.run("python", "-m", "ukf_sw.board", *BOARD, "--save", str(estimates))

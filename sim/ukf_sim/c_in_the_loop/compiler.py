@@ -1,10 +1,15 @@
-"""Compiling the C driver and application."""
+"""Compiling the C driver and applications."""
 
+import gc
 import shutil
 import subprocess
-from collections.abc import Sequence
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
 from enum import Enum
 from pathlib import Path
+
+from amaranth.hdl import UnusedElaboratable
 
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import description
@@ -13,34 +18,47 @@ from ukf_sw.c_sources import C_SOURCES, DRIVER_SOURCES
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = [
-    "APPLICATION",
+    "BARE_METAL_MAIN",
     "DRIVER",
     "INCLUDES",
     "LINUX_MAIN",
+    "NANOSAT_MODELS",
+    "RUN",
+    "RUN_FILES",
     "CompilerError",
     "Toolchain",
+    "compile_application",
     "compile_c",
     "compile_objects",
     "write_headers",
 ]
 
-#: Sources of the driver; of the nanosatellite; of its main program for Linux, with the ports.
+#: Sources of the driver; of the models of the nanosatellite.
 DRIVER = tuple(C_SOURCES / name for name in DRIVER_SOURCES)
-APPLICATION = tuple(
-    C_SOURCES / "apps" / name
-    for name in ("nanosat/nanosat.c", "nanosat/nanosat_files.c", "scenario_file.c")
+NANOSAT_MODELS = C_SOURCES / "apps" / "nanosat" / "nanosat.c"
+#: Of any application: what runs it; the same with files; main programs, with the ports.
+RUN = (C_SOURCES / "apps" / "scenario_run.c",)
+RUN_FILES = tuple(
+    C_SOURCES / "apps" / name for name in ("scenario_run.c", "run_files.c", "scenario_file.c")
 )
 LINUX_MAIN = tuple(
-    C_SOURCES / name for name in ("apps/nanosat/nanosat_linux.c", "ports/uio.c", "ports/remote.c")
+    C_SOURCES / name for name in ("apps/linux_main.c", "ports/uio.c", "ports/remote.c")
+)
+BARE_METAL_MAIN = tuple(
+    C_SOURCES / name for name in ("apps/bare_metal_main.c", "ports/bare_metal.c")
 )
 #: Folders of headers.
 INCLUDES = tuple(C_SOURCES / name for name in (".", "ports", "apps", "apps/nanosat"))
 
 #: No fused multiply-add: the order and rounding of operations are those of the source.
-FLAGS = (
-    "-std=c11", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion",
-    "-Wshadow", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror",
+FLAGS = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra")
+#: Of what is ours, any warning is an error.
+OWN_FLAGS = (
+    "-std=c11", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wstrict-prototypes",
+    "-Wmissing-prototypes", "-Werror",
 )  # fmt: skip
+#: Of what is the user's, warnings are told; M_PI is not of C11.
+USER_FLAGS = ("-std=gnu11",)
 
 
 class CompilerError(Exception):
@@ -85,7 +103,12 @@ def write_headers(params: UkfParams, folder: Path) -> None:
         Folder to write to; made if absent.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in c_headers(description(UkfCore(params))).items():
+    with warnings.catch_warnings():
+        # Amaranth says of parts of a core that they were never elaborated, when they are destroyed.
+        warnings.simplefilter("ignore", UnusedElaboratable)
+        headers = c_headers(description(UkfCore(params)))
+        gc.collect()
+    for name, text in headers.items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
@@ -122,16 +145,21 @@ def compile_c(
     CompilerError
         If the compiler is not installed or does not compile the source; any warning is an error.
     """
-    toolchain.require()
     folders = [f"-I{path}" for path in (*INCLUDES, *includes)]
     link = [] if "-c" in flags else ["-lm"]
-    command = [
-        *toolchain.command, *FLAGS, *flags, *folders, *map(str, sources), "-o", str(output), *link,
-    ]  # fmt: skip
+    arguments = [*FLAGS, *OWN_FLAGS, *flags, *folders, *map(str, sources), "-o", str(output), *link]
+    _run(toolchain, arguments)
+    return output
+
+
+def _run(toolchain: Toolchain, arguments: Sequence[str]) -> str:
+    """Run a compiler; gives its warnings."""
+    toolchain.require()
+    command = [*toolchain.command, *arguments]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     if result.returncode:
         raise CompilerError(f"{' '.join(command)}:\n{result.stderr}")
-    return output
+    return result.stderr
 
 
 def compile_objects(
@@ -151,3 +179,64 @@ def compile_objects(
         )
         for source in sources
     ]  # fmt: skip
+
+
+def compile_application(
+    output: Path,
+    headers: Path,
+    models: Sequence[Path] = (),
+    *,
+    main: Sequence[Path] = (),
+    toolchain: Toolchain = Toolchain.NATIVE,
+    flags: Sequence[str] = (),
+    link_flags: Sequence[str] = (),
+    warn: Callable[[str], None] | None = None,
+) -> Path:
+    """Compile and link an application: the driver, what runs a scenario, and models.
+
+    Parameters
+    ----------
+    output
+        File to write.
+    headers
+        Folder of the generated headers of the core.
+    models
+        C files of the user, with ``ukf_application()``: see sw/c/apps/application.h. Their folders
+        are searched for headers. Without any the models are those of the nanosatellite.
+    main
+        Sources of the main program.
+    toolchain
+        For which processor.
+    flags, link_flags
+        Further flags, for compiling and linking; for linking alone.
+    warn
+        Called with the warnings of the compiler about the C files of the user, if there are any.
+
+    Returns
+    -------
+    Path
+        The output.
+
+    Raises
+    ------
+    CompilerError
+        If the compiler is not installed or does not compile a source.
+    """
+    own = [*DRIVER, *RUN_FILES, *main, *(() if models else (NANOSAT_MODELS,))]
+    searched = [*INCLUDES, headers, *dict.fromkeys(source.resolve().parent for source in models)]
+    folders = [f"-I{path}" for path in searched]
+    with tempfile.TemporaryDirectory(prefix="ukf-objects-") as scratch:
+        folder = Path(scratch)
+        objects: list[Path] = []
+        for number, source in enumerate(models):
+            # Files in different folders may have the same name.
+            objects.append(folder / f"models-{number}.o")
+            told = _run(
+                toolchain,
+                [*FLAGS, *USER_FLAGS, "-c", *flags, *folders, str(source), "-o", str(objects[-1])],
+            )
+            if told and warn is not None:
+                warn(told)
+        objects += compile_objects(own, folder, [headers], toolchain=toolchain, flags=flags)
+        _run(toolchain, [*flags, *link_flags, *map(str, objects), "-o", str(output), "-lm"])
+    return output

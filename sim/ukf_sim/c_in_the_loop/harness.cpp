@@ -1,9 +1,10 @@
-// The simulated core with the C application in one process: a port whose other end is a cycle-accurate
+// The simulated core with a C application in one process: a port whose other end is a cycle-accurate
 // AXI4-Lite manager on the ports of the model that Verilator made of the Verilog.
 //
-//   program SCENARIO RESULTS COUNTS interrupt|polling estimates|covariances WORD_CLOCKS TIMEOUT_US
+//   program APPLICATION SCENARIO RESULTS COUNTS interrupt|polling estimates|covariances WORD_CLOCKS
+//           TIMEOUT_US
 //
-// WORD_CLOCKS are the clocks that a bus word takes at least, on average. COUNTS gets a line of numbers:
+// APPLICATION is a shared library, so that another one needs no other model. WORD_CLOCKS are the clocks that a bus word takes at least, on average. COUNTS gets a line of numbers:
 // clocks, words, clocks of words, seconds, seconds of the processor.
 
 #include <chrono>
@@ -14,10 +15,12 @@
 #include <ctime>
 #include <memory>
 
+#include <dlfcn.h>
+
 #include "Vukf_core.h"
 #include "verilated.h"
 
-#include "nanosat_files.h"
+#include "run_files.h"
 
 namespace {
 
@@ -207,30 +210,45 @@ std::uint64_t now_us(void *context)
     return static_cast<Bench *>(context)->clocks() / clocks_per_us;
 }
 
+/// ukf_run_files() of an application; nullptr after a message if there is none.
+decltype(&ukf_run_files) load(const char *path)
+{
+    void *const library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    void *const function = library ? dlsym(library, "ukf_run_files") : nullptr;
+    if (!function) {
+        std::fprintf(stderr, "%s\n", dlerror());
+    }
+    return reinterpret_cast<decltype(&ukf_run_files)>(function);
+}
+
 } // namespace
 
 int main(int count, char **arguments)
 {
-    if (count != 8) {
-        std::fprintf(stderr, "usage: %s SCENARIO RESULTS COUNTS interrupt|polling "
+    if (count != 9) {
+        std::fprintf(stderr, "usage: %s APPLICATION SCENARIO RESULTS COUNTS interrupt|polling "
                              "estimates|covariances WORD_CLOCKS TIMEOUT_US\n", arguments[0]);
         return 2;
     }
-    Bench bench(std::atof(arguments[6]));
-    const bool polling = std::strcmp(arguments[4], "polling") == 0;
-    const bool covariances = std::strcmp(arguments[5], "covariances") == 0;
+    const auto run_files = load(arguments[1]);
+    if (!run_files) {
+        return 1;
+    }
+    Bench bench(std::atof(arguments[7]));
+    const bool polling = std::strcmp(arguments[5], "polling") == 0;
+    const bool covariances = std::strcmp(arguments[6], "covariances") == 0;
     const ukf_port port = {&bench, read_word, write_word, polling ? nullptr : wait_for_interrupt,
                            now_us};
     const auto start = std::chrono::steady_clock::now();
     const std::clock_t processor_start = std::clock();
-    const int code = nanosat_files(&port, arguments[1], arguments[2],
-                                   static_cast<std::uint32_t>(std::atol(arguments[7])), covariances);
+    const int code = run_files(&port, arguments[2], arguments[3],
+                               static_cast<std::uint32_t>(std::atol(arguments[8])), covariances);
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start;
     const double processor_seconds =
         static_cast<double>(std::clock() - processor_start) / CLOCKS_PER_SEC;
-    std::FILE *counts = std::fopen(arguments[3], "w");
+    std::FILE *counts = std::fopen(arguments[4], "w");
     if (!counts) {
-        std::perror(arguments[3]);
+        std::perror(arguments[4]);
         return 1;
     }
     std::fprintf(counts, "%llu %llu %llu %.9f %.9f\n",

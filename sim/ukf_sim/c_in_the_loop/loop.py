@@ -1,17 +1,19 @@
 """C in the loop: the C driver and application on the simulated core, against the golden model.
 
 The program is one process: the model that Verilator makes of the generated Verilog, a manager on
-its AXI4-Lite port (harness.cpp), and the C code as it would run on the board.
+its AXI4-Lite port (harness.cpp), and the C code as it would run on the board, as a shared library,
+so that other models need no other program.
 
 The estimates are compared bit for bit with those of the Python filter on the golden model. The
-models are in C there and in Python here, both in double; they use +, - and * only, in the same
-order, and the C code is compiled without fused multiply-add, so IEEE 754 leaves no room for a
+models are in C there and in Python here, both in double; if they use +, -, *, / and sqrt only, in
+the same order, and the C code is compiled without fused multiply-add, IEEE 754 leaves no room for a
 difference.
 """
 
 import subprocess
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,14 +23,14 @@ from numpy.typing import NDArray
 from ukf_hdl.generate import NAME, generate
 from ukf_sim.builds import EXECUTABLE, Build, build_executable
 from ukf_sim.c_in_the_loop.compiler import (
-    APPLICATION,
-    DRIVER,
     INCLUDES,
     Toolchain,
-    compile_objects,
+    compile_application,
+    write_headers,
 )
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.errors import StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.folders import check_folder
 from ukf_sw.problem import Problem
@@ -45,6 +47,8 @@ __all__ = [
 ]
 
 HARNESS = Path(__file__).with_name("harness.cpp")
+#: Of a shared library in which nothing is missing, which is so by default but on Linux.
+SHARED = ("-shared", *(("-Wl,--no-undefined",) if sys.platform == "linux" else ()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,6 +85,8 @@ class CLoopOutcome:
 def golden_results(problem: Problem, steps: int, *, covariances: bool = False) -> CResults:
     """Run the Python filter on the golden model; results as the C application writes them.
 
+    If a step fails it is the last one, and there is no P at the end.
+
     Parameters
     ----------
     problem
@@ -96,26 +102,50 @@ def golden_results(problem: Problem, steps: int, *, covariances: bool = False) -
         if covariances and done:
             each.append(ukf.P)
 
-    found = run(problem, "golden", steps=steps, covariance=True, after_step=note)
+    found = run(
+        problem, "golden", steps=steps, ends_at=(StepError,), covariance=True, after_step=note
+    )
+    x, nis, gated = found.x, _sums(found.nis_of_sensors), found.gated
+    results = np.zeros(found.steps, np.uint32)
+    if found.stop is not None and found.steps < steps:
+        last = np.full(problem.params.n, np.nan) if found.last_x is None else found.last_x
+        x, nis, gated = np.vstack([x, last]), np.append(nis, np.nan), np.append(gated, False)
+        results = np.append(results, np.uint32(found.stop.code or 0))
     return CResults(
-        x=found.x, nis=found.nis, results=np.zeros(steps, np.uint32), gated=found.gated, P=found.P,
+        x=x, nis=nis, results=results, gated=gated, P=found.P,
         covariances=np.array(each) if covariances else None,
     )  # fmt: skip
 
 
+def _sums(nis_of_sensors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Add the NIS of the sensors in their order; NaN where nothing was sampled."""
+    total = np.full(len(nis_of_sensors), np.nan)
+    for nis in nis_of_sensors.T:
+        there = ~np.isnan(nis)
+        total[there] = np.where(np.isnan(total), 0.0, total)[there] + nis[there]
+    return total
+
+
 def first_difference(found: CResults, expected: CResults) -> str | None:
-    """Name the first difference of two runs, or give None if they are equal bit for bit."""
-    if len(found.x) != len(expected.x):
+    """Name the first difference of two runs, or give None if they are equal bit for bit.
+
+    If the expected one ended with a step that failed, what comes after that is not compared.
+    """
+    failed = expected.P is None
+    if len(found.x) != len(expected.x) and not (failed and len(found.x) > len(expected.x)):
         return f"{len(found.x)} steps, not {len(expected.x)}"
-    for name in ("x", "nis", "results", "gated", "covariances"):
+    for name in ("results", "x", "nis", "gated", "covariances"):
         one, other = getattr(found, name), getattr(expected, name)
-        if one is other is None:
+        if one is None or other is None:
             continue
+        one = one[: len(other)]
         different = _bits(one) != _bits(other)
         if different.any():
             place = tuple(int(i) for i in np.argwhere(different)[0])
             return f"{name} of step {place[0]}: {one[place].item()!r}, not {other[place].item()!r}"
-    if found.P is None or expected.P is None or (_bits(found.P) != _bits(expected.P)).any():
+    if expected.P is None:
+        return None
+    if found.P is None or (_bits(found.P) != _bits(expected.P)).any():
         return "P at the end"
     return None
 
@@ -144,21 +174,26 @@ def run_c_in_the_loop(
     steps: int,
     *,
     pipeline: Pipeline | None = None,
+    models: Sequence[Path] = (),
     interrupt: bool = True,
     word_clocks: float = 0.0,
     covariances: bool = False,
     cache: Path = CACHE,
     optimise: bool = True,
+    warn: Callable[[str], None] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> CLoopOutcome:
-    """Compile the C application with the simulated core, unless that was done before, and run it.
+    """Compile a C application and the simulated core, unless that was done before, and run them.
 
     Parameters
     ----------
     problem
-        A nanosatellite, with the parameters of the core.
+        The problem, with the parameters of the core.
     steps
         How many of its steps.
+    models
+        C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
+        them; without any it must be a nanosatellite.
     pipeline
         How the core is built.
     interrupt
@@ -172,6 +207,8 @@ def run_c_in_the_loop(
         Folder of compiled programs.
     optimise
         Whether to compile for speed; see :func:`ukf_sim.builds.build`.
+    warn
+        Called with the warnings about the C files of the user, if there are any.
     progress
         Called with what is being done: "generate", "compile", "run", "compare".
 
@@ -193,19 +230,23 @@ def run_c_in_the_loop(
         folder = Path(scratch)
         tell("generate")
         scenario_file, _ = export_scenario(problem, steps, folder)
+        # First, because models are what is wrong most often.
+        write_headers(problem.params, folder / "headers")
+        application = compile_application(
+            folder / "application.so", folder / "headers", models, flags=("-fPIC",),
+            link_flags=SHARED, warn=warn,
+        )  # fmt: skip
         generate(problem.params, pipeline, folder / "rtl")
-        objects = compile_objects(
-            (*DRIVER, *APPLICATION), folder / "objects", [folder / "rtl" / "c"]
-        )
         built = build_executable(
-            folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], objects, cache, includes=INCLUDES,
-            optimise=optimise, compiling=lambda: tell("compile"),
+            folder / "rtl" / f"{NAME}.v", NAME, [HARNESS], [], cache, includes=INCLUDES,
+            libraries=("dl",), optimise=optimise, compiling=lambda: tell("compile"),
         )  # fmt: skip
         tell("run")
         command = [
-            str(built.folder / EXECUTABLE), str(scenario_file), str(folder / "results.bin"),
-            str(folder / "counts"), "interrupt" if interrupt else "polling",
-            "covariances" if covariances else "estimates", str(word_clocks),
+            str(built.folder / EXECUTABLE), str(application), str(scenario_file),
+            str(folder / "results.bin"), str(folder / "counts"),
+            "interrupt" if interrupt else "polling", "covariances" if covariances else "estimates",
+            str(word_clocks),
             str(round(1e6 * step_timeout(problem.params, pipeline or Pipeline(), word_clocks))),
         ]  # fmt: skip
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,10 +1,11 @@
-"""Scenarios for the C application, and its results: files that both sides know.
+"""Scenarios for a C application, and its results: files that both sides know.
 
 The layout is that of sw/c/apps/scenario_file.c.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ __all__ = ["CResults", "export_scenario", "read_results"]
 
 MAGIC = 0x53464B55  # "UKFS"
 VERSION = 1
+#: Most numbers of an input: those that a program without allocation has place for.
+MAX_INPUTS = 32
 BINARY = "scenario.bin"
 HEADER = "scenario_data.h"
 
@@ -35,20 +38,41 @@ def _tables(problem: Problem, steps: int) -> dict[str, Array]:
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    angles = [problem.state_angles, *(problem.sensor(name).angles for name in problem.sensor_names)]
-    if data.observation_arguments is not None or any(angles):
-        raise ValueError(f"scenario must have numbers only, no angles, not {problem.name!r}")
+    if data.observation_arguments is not None:
+        raise ValueError(
+            "scenario must have no observation arguments, which models in C do not take, not "
+            f"{problem.name!r}"
+        )
     observations, sampled = _samples(problem)
     measurements = np.where(sampled, observations, 0.0)[:steps]
-    inputs = np.zeros((steps, 0)) if data.inputs is None else data.inputs[:steps]
     return {
         "x0": problem.x0[np.newaxis],
         "P0": problem.P0,
         "Q": problem.Q,
         "R": problem.R,
-        "input": np.asarray(inputs, dtype=np.float64),
+        "input": _inputs(problem, steps),
         "measurement": measurements,
     }
+
+
+def _inputs(problem: Problem, steps: int) -> Array:
+    """Inputs as vectors, shape (K, u)."""
+    given = problem.record.inputs
+    if given is None:
+        return np.zeros((steps, 0))
+    try:
+        inputs: NDArray[Any] = np.asarray(given[:steps], dtype=np.float64)
+    except (TypeError, ValueError):
+        inputs = np.empty(0)
+    if inputs.ndim == 1 and inputs.size:  # each is a number
+        inputs = inputs[:, np.newaxis]
+    numbers = inputs.shape[1] if inputs.ndim == 2 else None
+    if numbers is None or numbers > MAX_INPUTS or not np.isfinite(inputs).all():
+        raise ValueError(
+            f"scenario must have inputs that are at most {MAX_INPUTS} finite numbers each, not "
+            f"those of {problem.name!r}"
+        )
+    return inputs
 
 
 def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
@@ -135,8 +159,10 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Parameters
     ----------
     problem
-        The problem with its data, at equal intervals. Its inputs are vectors, if it has any.
-        Measurements and masks are of all its sensors, in the order of their rows.
+        The problem with its data. Its inputs are numbers or vectors, if it has any. Measurements
+        and masks are of all its sensors, in the order of their rows. Which numbers are angles is
+        known to the models in C. The interval of the scenario is the time of the first step; if
+        the intervals differ, the models need them as an input.
     steps
         How many of its steps.
     output
@@ -150,7 +176,7 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If there are not that many steps, or the problem has more than numbers.
+        If there are not that many steps, or the models take more than numbers.
     """
     contents = {
         BINARY: _binary(problem, steps),

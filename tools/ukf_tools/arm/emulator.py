@@ -8,16 +8,15 @@ import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ukf_sim.c_in_the_loop.compiler import (
-    APPLICATION,
-    DRIVER,
     LINUX_MAIN,
     CompilerError,
     Toolchain,
-    compile_c,
+    compile_application,
     write_headers,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
@@ -28,6 +27,8 @@ from ukf_tools.arm.register_server import RegisterServer
 __all__ = ["EMULATOR", "ArmOutcome", "arm_available", "require_arm", "run_on_arm"]
 
 EMULATOR = ("qemu-arm", "-cpu", "cortex-a9")
+#: Name of the program.
+PROGRAM = "ukf_run"
 #: Longest that a step of the scenario may take in the emulator, in seconds.
 PATIENCE = 5.0
 
@@ -75,19 +76,32 @@ class ArmOutcome:
     seconds: float
 
 
-def run_on_arm(problem: Problem, steps: int, folder: Path, *, interrupt: bool = True) -> ArmOutcome:
-    """Cross-compile the nanosatellite for a Cortex-A9 and run it under QEMU.
+def run_on_arm(
+    problem: Problem,
+    steps: int,
+    folder: Path,
+    *,
+    models: Sequence[Path] = (),
+    interrupt: bool = True,
+    warn: Callable[[str], None] | None = None,
+) -> ArmOutcome:
+    """Cross-compile an application for a Cortex-A9 and run it under QEMU.
 
     Parameters
     ----------
     problem
-        A nanosatellite, with the parameters of the core.
+        The problem, with the parameters of the core.
     steps
         How many of its steps.
     folder
         Folder for the program, its headers and its samples; made if absent.
+    models
+        C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
+        them; without any it must be a nanosatellite.
     interrupt
         Whether the driver waits for the interrupt, or polls.
+    warn
+        Called with the warnings about the C files of the user, if there are any.
 
     Returns
     -------
@@ -103,9 +117,9 @@ def run_on_arm(problem: Problem, steps: int, folder: Path, *, interrupt: bool = 
     require_arm()
     binary, _ = export_scenario(problem, steps, folder)
     write_headers(problem.params, folder)
-    program = compile_c(
-        [*DRIVER, *APPLICATION, *LINUX_MAIN], folder / "nanosat", [folder],
-        toolchain=Toolchain.CORTEX_A9, flags=("-static",),
+    program = compile_application(
+        folder / PROGRAM, folder, models, main=LINUX_MAIN, toolchain=Toolchain.CORTEX_A9,
+        link_flags=("-static",), warn=warn,
     )  # fmt: skip
     results = folder / "results.bin"
     # Names of sockets are short, folders may be deep.

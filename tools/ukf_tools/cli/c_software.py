@@ -8,13 +8,16 @@ import typer
 from rich.table import Table
 
 from ukf_sw.extras import require
+from ukf_sw.problems.finding import is_own
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import LIMIT
 from ukf_sw.spec.core import Core
+from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
     fail,
+    messages,
     needs,
     print_files,
     print_json,
@@ -37,23 +40,64 @@ if TYPE_CHECKING:
 
 __all__ = ["c_arm", "c_loop", "export"]
 
-#: Systems whose models are in C.
+#: Systems whose models are in C here.
 NANOSATELLITES = (
     "nanosat", "nanosat-additive", "nanosat-2014", "nanosat-2014-rates", "nanosat-2014-gaps",
 )  # fmt: skip
 
-StepsOption = Annotated[
-    int, typer.Option("--steps", min=1, help="Iterations.", rich_help_panel=DATA)
+#: Iterations by default.
+STEPS, ARM_STEPS = 1000, 100
+
+
+def _steps_option(default: int) -> Any:
+    """Option of a number of steps."""
+    text = f"Iterations; by default {default}, or as many as a problem of yours has data for."
+    return typer.Option("--steps", min=1, help=text, rich_help_panel=DATA)
+
+
+ModelsOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--models",
+        metavar="FILE.c",
+        help="C file with models of the problem and ukf_application(); may be given several times. "
+        "Those of the nanosatellites are known.",
+        rich_help_panel=DATA,
+    ),
 ]
 
 
-def _check_nanosatellite(core: Core) -> None:
-    """Check that there are models in C for a problem."""
-    if core.problem not in NANOSATELLITES:
+def _check_models(core: Core, models: list[Path]) -> None:
+    """Check that there are models in C for a problem, and a driver for the core."""
+    if core.problem is None or not (models or core.problem in NANOSATELLITES):
         known = ", ".join(NANOSATELLITES)
         raise ValueError(
-            f"--problem must be one of {known}, whose models are in C, not {core.problem!r}"
+            f"--problem must be one of {known}, whose models are in C, not {core.problem!r}; give "
+            "the models of another one with --models FILE.c"
         )
+    for file in models:
+        if file.suffix != ".c" or not file.is_file():
+            raise ValueError(f"--models must be C files, which end with .c, not {str(file)!r}")
+    if core.params.format not in (BINARY32, BINARY64):
+        raise ValueError(
+            "--format must be one that C has, binary32 or binary64, not "
+            f"{core.params.format.name!r}"
+        )
+
+
+def _scenario(recipe: Recipe, steps: int | None, default: int) -> "tuple[Problem, int]":
+    """Make a scenario, and say how many of its steps are to be run."""
+    own = recipe.logs is not None or (recipe.name is not None and is_own(recipe.name))
+    if steps is None and own:
+        made = recipe.scenario()
+        return made, min(made.steps, default)
+    count = default if steps is None else steps
+    return recipe.scenario(count), count
+
+
+def _print_warnings(text: str) -> None:
+    """Print what the compiler says about the files of the user."""
+    messages.print(text.rstrip(), highlight=False, soft_wrap=True, markup=False)
 
 
 @needs()
@@ -61,7 +105,7 @@ def _check_nanosatellite(core: Core) -> None:
 def export(
     core: Core,
     recipe: Recipe,
-    steps: StepsOption = 1000,
+    steps: Annotated[int | None, _steps_option(STEPS)] = None,
     random: Annotated[
         bool,
         typer.Option("--random", help="A random system of the given sizes.", rich_help_panel=DATA),
@@ -81,7 +125,7 @@ def export(
                 f"random system, not {'sizes alone' if core.problem is None else 'both'}"
             )
         try:
-            files = export_scenario(recipe.scenario(steps), steps, output)
+            files = export_scenario(*_scenario(recipe, steps, STEPS), output)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)
@@ -92,7 +136,8 @@ def export(
 def c_loop(
     core: Core,
     recipe: Recipe,
-    steps: StepsOption = 1000,
+    models: ModelsOption = None,
+    steps: Annotated[int | None, _steps_option(STEPS)] = None,
     plot: PlotOption = None,
     interrupt: InterruptOption = True,
     bus_latency: BusLatencyOption = 0.0,
@@ -107,9 +152,11 @@ def c_loop(
     ] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the C driver and the C nanosatellite on the simulated core, against the golden model.
+    """Run the C driver and models in C on the simulated core, against the golden model.
 
-    The exit code is 1 if a bit differs. For a plot, the covariance is read after each step as well.
+    The models are those of a nanosatellite, or of any problem with --models: files that have what
+    sw/c/apps/application.h asks for, which `ukf new` writes as well. The exit code is 1 if a bit
+    differs from the filter in Python. For a plot, the covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import require_tools, run_c_in_the_loop
@@ -117,7 +164,7 @@ def c_loop(
     from ukf_sim.simulators import SimulatorError
 
     with checked():
-        _check_nanosatellite(core)
+        _check_models(core, models or [])
     if beside_cocotb:
         require("sim")
     try:
@@ -125,13 +172,15 @@ def c_loop(
     except (CompilerError, SimulatorError) as error:
         fail(str(error), 1)
     with checked():
-        problem = recipe.scenario(max(steps, beside_cocotb))
+        problem, steps = _scenario(recipe, steps, STEPS)
+        if beside_cocotb > steps:
+            recipe.scenario(beside_cocotb)
     with progress_bars(counted=False) as bars, checked():
         bar = bars.add_task("Starting", total=None)
         try:
             outcome = run_c_in_the_loop(
-                problem, steps, pipeline=core.pipeline, interrupt=interrupt,
-                word_clocks=bus_latency, covariances=plot is not None,
+                problem, steps, models=models or (), pipeline=core.pipeline, interrupt=interrupt,
+                word_clocks=bus_latency, covariances=plot is not None, warn=_print_warnings,
                 progress=lambda what: bars.update(bar, description=what.capitalize()),
             )  # fmt: skip
             cocotb = None
@@ -147,7 +196,7 @@ def c_loop(
     record = {
         "steps": len(outcome.results.x),
         "mismatch": outcome.mismatch,
-        "errors": int((outcome.results.results != 0).sum()),
+        "errors": _errors(outcome.results),
         "clocks_per_iteration": outcome.clocks / steps,
         "words_per_iteration": outcome.words / steps,
         "bus_clocks_per_iteration": outcome.bus_clocks / steps,
@@ -155,10 +204,14 @@ def c_loop(
         "cocotb_rates": None
         if cocotb is None
         else _rates(beside_cocotb, cocotb.seconds, cocotb.cpu_seconds),
-        "attitude": None
-        if plot is None
-        else describe_attitude(plot, problem, outcome.results, core.title),
+        "attitude": None,
+        "band": None,
     }
+    if plot is not None:
+        what, describe = "band", describe_band
+        if core.problem in NANOSATELLITES:
+            what, describe = "attitude", describe_attitude
+        record[what] = describe(plot, problem, outcome.results, core.title)
     if as_json:
         print_json(record)
     else:
@@ -172,21 +225,23 @@ def c_loop(
 def c_arm(
     core: Core,
     recipe: Recipe,
-    steps: StepsOption = 100,
+    models: ModelsOption = None,
+    steps: Annotated[int | None, _steps_option(ARM_STEPS)] = None,
     output: Annotated[
         Path, folder_option("--output", "Folder for the program and its samples.")
     ] = Path("build/arm"),
     as_json: JsonOption = False,
 ) -> None:
-    """Cross-compile the C nanosatellite for a Cortex-A9 and run it under QEMU, on the golden model.
+    """Cross-compile models in C for a Cortex-A9 and run them under QEMU, on the golden model.
 
-    The exit code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
+    They are those of a nanosatellite, or of any problem with --models, as in c-loop. The exit code
+    is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_tools.arm.emulator import require_arm, run_on_arm
 
     with checked():
-        _check_nanosatellite(core)
+        _check_models(core, models or [])
     try:
         require_arm()
     except CompilerError as error:
@@ -194,13 +249,17 @@ def c_arm(
     with progress_bars(counted=False) as bars, checked():
         bars.add_task("Running", total=None)
         try:
-            outcome = run_on_arm(recipe.scenario(steps), steps, output)
+            outcome = run_on_arm(
+                *_scenario(recipe, steps, ARM_STEPS), output, models=models or (),
+                warn=_print_warnings,
+            )  # fmt: skip
         except (CompilerError, OSError) as error:
             fail(str(error), 1)
     record = {
         "program": str(outcome.program),
         "steps": len(outcome.results.x),
         "mismatch": outcome.mismatch,
+        "errors": _errors(outcome.results),
         "words": outcome.words,
         "seconds": outcome.seconds,
     }
@@ -212,9 +271,40 @@ def c_arm(
             f"{outcome.words} bus words, {outcome.seconds:.0f} s",
             soft_wrap=True, highlight=False,
         )  # fmt: skip
-        _print_verdict(outcome.mismatch)
+        _print_verdict(record)
     if outcome.mismatch is not None:
         raise typer.Exit(1)
+
+
+def describe_band(plot: Path, problem: "Problem", found: "CResults", title: str) -> dict[str, Any]:
+    """Draw each state with its band, and give in numbers what the plot shows.
+
+    Parameters
+    ----------
+    plot
+        Image to write.
+    problem
+        The problem, with its data.
+    found
+        Results with covariances.
+    title
+        Name of the core.
+
+    Raises
+    ------
+    ValueError
+        If there are no covariances.
+    """
+    from ukf_tools.evaluate.band_plot import plot_bands
+
+    if found.covariances is None:
+        raise ValueError("found must have the covariances")
+    title = f"{title}: C driver on the simulated core"
+    try:
+        within = plot_bands(plot, problem, found.x, found.covariances, title=title)
+    except OSError as error:
+        fail(f"{plot}: {error.strerror}", 1)
+    return {"plot": str(plot), "within_band": within}
 
 
 def describe_attitude(
@@ -261,6 +351,11 @@ def describe_attitude(
     }
 
 
+def _errors(found: "CResults") -> int:
+    """Number of steps that failed."""
+    return int((found.results != 0).sum())
+
+
 def _rates(steps: int, seconds: float, cpu_seconds: float) -> dict[str, float]:
     """Iterations per second of time, and of the processor."""
     return {"time": steps / seconds, "processor": steps / cpu_seconds}
@@ -287,7 +382,9 @@ def _print(core: Core, record: dict) -> None:
     results.print(table)
     if record["attitude"] is not None:
         _print_attitude(record["attitude"])
-    _print_verdict(record["mismatch"])
+    if record["band"] is not None:
+        _print_band(record["band"])
+    _print_verdict(record)
 
 
 def _print_attitude(attitude: dict[str, Any]) -> None:
@@ -301,10 +398,27 @@ def _print_attitude(attitude: dict[str, Any]) -> None:
     )  # fmt: skip
 
 
-def _print_verdict(mismatch: str | None) -> None:
-    if mismatch is None:
+def _print_band(band: dict[str, Any]) -> None:
+    shares = ", ".join(f"{name} {share:.1%}" for name, share in (band["within_band"] or {}).items())
+    if shares:
+        results.print(
+            f"Errors within the filter's own 3 standard deviations: {shares} of the steps",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+    results.print(f"Plot: {band['plot']}", soft_wrap=True, highlight=False)
+
+
+def _print_verdict(record: dict[str, Any]) -> None:
+    mismatch, errors = record["mismatch"], record["errors"]
+    if mismatch is not None:
+        results.print(f"[bold red]Not bit-exact:[/] {mismatch}", soft_wrap=True)
+    elif errors:
+        results.print(
+            "[bold green]Bit-exact[/] up to the first step that failed, in C and in the golden "
+            f"model. The C application went on: {errors} steps failed.",
+            soft_wrap=True,
+        )
+    else:
         results.print(
             "[bold green]Bit-exact[/]: estimates, NIS and covariance equal the golden model's"
         )
-    else:
-        results.print(f"[bold red]Not bit-exact:[/] {mismatch}", soft_wrap=True)

@@ -1,16 +1,16 @@
 /**
  * @file
- * @brief The nanosatellite as a program for Linux.
+ * @brief An application as a program for Linux.
  *
- * `nanosat uio:/dev/uio0 scenario.bin results.bin` drives the core in the programmable logic;
- * `nanosat remote:SOCKET ...` a model of it in another process. A fourth argument, `polling`, has the
+ * `ukf_run uio:/dev/uio0 scenario.bin results.bin` drives the core in the programmable logic;
+ * `ukf_run remote:SOCKET ...` a model of it in another process. A fourth argument, `polling`, has the
  * driver poll instead of waiting for interrupts.
  */
 #include <stdio.h>
 #include <string.h>
 
-#include "nanosat_files.h"
 #include "remote.h"
+#include "run_files.h"
 #include "uio.h"
 #include "ukf_core.h"
 #include "ukf_driver.h"
@@ -33,7 +33,7 @@ int main(int count, char **arguments)
 
     if ((uio == NULL && remote == NULL) || count < 4 || count > 5 || (count == 5 && !polling)) {
         (void)fprintf(stderr, "usage: %s uio:DEVICE|remote:SOCKET SCENARIO RESULTS [polling]\n",
-                      count > 0 ? arguments[0] : "nanosat");
+                      count > 0 ? arguments[0] : "ukf_run");
         return 2;
     }
     code = uio != NULL
@@ -43,7 +43,7 @@ int main(int count, char **arguments)
         (void)fprintf(stderr, "%s: %s\n", arguments[1], strerror(code));
         return 1;
     }
-    code = nanosat_files(&port, arguments[2], arguments[3], UKF_DEFAULT_TIMEOUT_US, false);
+    code = ukf_run_files(&port, arguments[2], arguments[3], UKF_DEFAULT_TIMEOUT_US, false);
     if (uio != NULL) {
         ukf_uio_close(&device);
     } else {

@@ -1,12 +1,11 @@
-#include "nanosat_files.h"
+#include "run_files.h"
 
 #include <inttypes.h>
 #include <stddef.h>
 #include <stdio.h>
 
-#include "nanosat.h"
 #include "scenario_file.h"
-#include "ukf_core.h"
+#include "scenario_run.h"
 
 struct results {
     FILE *file;
@@ -19,17 +18,26 @@ static void write_step(void *context, uint32_t step, const ukf_real *x, const uk
     struct results *results = context;
 
     results->written =
-        results->written && ukf_results_write(results->file, NANOSAT_STATES, x, P, record);
+        results->written && ukf_results_write(results->file, UKF_N, x, P, record);
     if (record->result != UKF_OK) {
         (void)fprintf(stderr, "step %" PRIu32 ": %s (%" PRIu32 ")\n", step,
                       ukf_result_name((enum ukf_result)record->result), record->result);
     }
 }
 
-static void explain(const struct nanosat_run *run, enum ukf_result result)
+static void explain(const struct ukf_run *run, enum ukf_result result)
 {
+    const struct ukf_scenario *scenario = run->scenario;
     const struct ukf_fault *fault = &run->fault;
 
+    if (run->complaint != NULL) {
+        (void)fprintf(stderr,
+                      "%s: the scenario has n %" PRIu32 ", m %" PRIu32 ", q %" PRIu32 ", r %" PRIu32
+                      ", inputs %" PRIu32 ", the core n %u, m %u, q %u, r %u\n",
+                      run->complaint, scenario->n, scenario->m, scenario->q, scenario->r,
+                      scenario->inputs, UKF_N, UKF_M, UKF_Q, UKF_R);
+        return;
+    }
     (void)fprintf(stderr,
                   "%s: step %" PRIu32 ", code %" PRIu32 ", index %" PRIu32 ", address 0x%" PRIx32
                   ", expected 0x%" PRIx32 ", found 0x%" PRIx32 "\n",
@@ -37,14 +45,12 @@ static void explain(const struct nanosat_run *run, enum ukf_result result)
                   fault->expected, fault->found);
 }
 
-int nanosat_files(const struct ukf_port *port, const char *scenario_path, const char *results_path,
+int ukf_run_files(const struct ukf_port *port, const char *scenario_path, const char *results_path,
                   uint32_t timeout_us, bool covariances)
 {
-    static const struct ukf_core core = UKF_CORE_INITIALISER;
     struct ukf_scenario scenario;
     struct results results = {.written = true};
-    struct nanosat_run run = {
-        .core = &core,
+    struct ukf_run run = {
         .port = port,
         .scenario = &scenario,
         .timeout_us = timeout_us,
@@ -65,9 +71,9 @@ int nanosat_files(const struct ukf_port *port, const char *scenario_path, const 
         ukf_scenario_free(&scenario);
         return 1;
     }
-    result = nanosat_execute(&run);
+    result = ukf_run_scenario(&run);
     if (result == UKF_OK) {
-        results.written = ukf_numbers_write(results.file, NANOSAT_STATES * NANOSAT_STATES, run.P) &&
+        results.written = ukf_numbers_write(results.file, UKF_N * UKF_N, run.P) &&
                           results.written;
     } else {
         explain(&run, result);
@@ -76,5 +82,8 @@ int nanosat_files(const struct ukf_port *port, const char *scenario_path, const 
     (void)printf("%" PRIu32 " steps, %" PRIu32 " errors, %" PRIu32 " recoveries\n", scenario.steps,
                  run.errors, run.recoveries);
     ukf_scenario_free(&scenario);
+    if (run.complaint != NULL) {
+        return 2;
+    }
     return result == UKF_OK && results.written ? 0 : 1;
 }
