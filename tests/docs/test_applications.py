@@ -9,7 +9,7 @@ from support.command_line import runner_of
 from support.swampsat_study import study_of
 from ukf_docs import __main__ as commands
 from ukf_docs import applications
-from ukf_sw.problems import catalogue
+from ukf_sw.problems import catalogue, finding
 from ukf_tools.cli import app
 from ukf_tools.evaluate import evaluation, swampsat
 
@@ -18,7 +18,7 @@ from ukf_tools.evaluate import evaluation, swampsat
 def results(tmp_path, monkeypatch):
     """Folder of the results of `ukf apps all`, the study of SwampSat apart."""
     entry = replace(catalogue.CATALOGUE["pendulum"], runs=2)
-    for module in (catalogue, evaluation):
+    for module in (catalogue, evaluation, finding):
         monkeypatch.setattr(module, "CATALOGUE", {entry.name: entry})
     runner_of(app, tmp_path, monkeypatch)("apps", "all")
     return tmp_path / "build" / "apps"
