@@ -27,11 +27,11 @@ __all__ = ["PAGES", "SLOW", "refresh"]
 PAGES = (DOCS / "own-model.md", DOCS / "sensors.md", DOCS / "from-filterpy.md")
 
 #: What blocks have that take long: they compile a core, or make many.
-SLOW = re.compile(r"\bcosimulate\b|\bukf (?:cosim|sweep|package)\b")
+SLOW = re.compile(r"\bcosimulate\b|\bukf (?:cosim|sweep|package|c-loop)\b")
 
 #: A block that is executed, and its output, if the page shows it.
 BLOCK = re.compile(
-    r"^```(?P<kind>python|sh)(?: title=\"(?P<file>[\w.]+)\")?\n(?P<code>.*?)^```\n"
+    r"^```(?P<kind>python|sh|c)(?: title=\"(?P<file>[\w.]+)\")?\n(?P<code>.*?)^```\n"
     r"(?P<output>\n```text\n.*?^```\n)?",
     re.MULTILINE | re.DOTALL,
 )
@@ -70,7 +70,7 @@ def refresh(text: str, *, slow: bool = True, cache: Path | None = None) -> str:
                 file.write(code)
             sys.modules.pop(Path(block["file"]).stem, None)
             return block[0]
-        if SLOW.search(code) and not slow:
+        if block["kind"] == "c" or (SLOW.search(code) and not slow):
             return block[0]
         try:
             printed = _run(block["kind"], code, namespace)

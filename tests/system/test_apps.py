@@ -10,7 +10,7 @@ import pytest
 
 from support.swampsat_study import study_of
 from ukf_sw.errors import NotFiniteError
-from ukf_sw.problems import catalogue
+from ukf_sw.problems import catalogue, finding
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.sequence import Step
 from ukf_tools.cli import console
@@ -29,7 +29,7 @@ def one_entry(monkeypatch):
 
     def one_entry(name, **changes):
         entry = replace(catalogue.CATALOGUE[name], **changes)
-        for module in (catalogue, evaluation):
+        for module in (catalogue, evaluation, finding):
             monkeypatch.setattr(module, "CATALOGUE", {name: entry})
         return entry
 
