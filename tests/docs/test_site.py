@@ -96,7 +96,11 @@ def browser():
         yield started
 
 
-@pytest.mark.parametrize("width", WIDTHS)
+# A narrow one is the harder; the tests of the report are in all widths.
+@pytest.mark.parametrize(
+    "width",
+    [pytest.param(w, marks=[pytest.mark.slow] * (w != min(WIDTHS))) for w in WIDTHS],
+)
 def test_pages_fit_into_a_browser(site, browser, width):
     """Nothing is cut off: code has its 100 columns in a window, and is wrapped on a phone."""
     for file in pages_of(site):

@@ -215,7 +215,9 @@ TABLE = [
 ]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))]
+)
 @pytest.mark.parametrize(("make", "P0", "rms", "maximum"), TABLE)
 def test_attitude_error_is_small(make, P0, rms, maximum, seed):
     results = run(make(seed, P0=P0, steps=4000))

@@ -50,7 +50,11 @@ def check(found, params, steps, pipeline=None):
 
 
 @pytest.mark.parametrize(
-    ("form", "P0", "interrupt"), [(Form.SQUARE_ROOT, 1.0, True), (Form.COVARIANCE, 1e-4, False)]
+    ("form", "P0", "interrupt"),
+    [
+        (Form.SQUARE_ROOT, 1.0, True),
+        pytest.param(Form.COVARIANCE, 1e-4, False, marks=pytest.mark.slow),
+    ],
 )
 def test_nanosat(core_cache, form, P0, interrupt):
     params = replace(NANOSAT, pes=2, form=form)
@@ -188,7 +192,7 @@ def do_everything(cache, seed, rounds, sensors=1):
 
 
 # One of each form; every format, and one sensor, are in the slow ones.
-@pytest.mark.parametrize(("seed", "sensors"), [(10, 3), (59, 2)])
+@pytest.mark.parametrize(("seed", "sensors"), [(58, 3), (59, 2)])
 def test_random_core(core_cache, seed, sensors):
     do_everything(core_cache, seed, rounds=24, sensors=sensors)
 
@@ -203,7 +207,7 @@ def test_random_cores(core_cache, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sensors"),
-    [(13, 2), (22, 4), (24, 2), (36, 4), (47, 3), (49, 2), (203, 4), (207, 2)],
+    [(10, 3), (13, 2), (22, 4), (24, 2), (36, 4), (47, 3), (49, 2), (203, 4), (207, 2)],
 )
 def test_random_cores_with_several_sensors(core_cache, seed, sensors):
     do_everything(core_cache, seed, rounds=60, sensors=sensors)
