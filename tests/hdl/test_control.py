@@ -39,7 +39,10 @@ STEPS = [step for step in Step if step is not Step.IDLE]
 PARAMS = [
     pytest.param(UkfParams(n=1, m=1), id="smallest", marks=pytest.mark.slow),
     pytest.param(UkfParams(n=7, m=6, q=7, r=6, pes=10), id="nanosat"),
-    pytest.param(UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half"),
+    pytest.param(
+        UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half",
+        marks=pytest.mark.slow,
+    ),
     pytest.param(UkfParams(n=2, m=6, sensors=(2, 1, 3)), id="sensors"),
     pytest.param(
         UkfParams(

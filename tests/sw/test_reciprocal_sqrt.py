@@ -64,7 +64,11 @@ def test_faithful(fmt):
     assert compiled.tolist() == roots
 
 
-@pytest.mark.parametrize("fmt", [BINARY32, BINARY64], ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize(
+    "fmt",
+    [BINARY32, pytest.param(BINARY64, marks=pytest.mark.slow)],
+    ids=lambda fmt: fmt.name,
+)
 def test_faithful_long(fmt):
     words = sample(fmt, np.random.default_rng(2), 50_000)
     roots = fmt.encode(arithmetic.reciprocal_sqrt(fmt, fmt.decode(words))).tolist()

@@ -26,6 +26,7 @@ CORES = [
         ),
         Pipeline(multiply=5, add=6, reciprocal_sqrt=12),
         id="double",
+        marks=pytest.mark.slow,
     ),
     pytest.param(UkfParams(n=2, m=3, pes=4, format=BINARY16), Pipeline(add=4), id="half"),
     pytest.param(
