@@ -54,7 +54,7 @@ class Entry:
     bounds: tuple[Bound, ...] = ()
     runs: int = 1
     rounding: float = 0.01
-    exceptions: Mapping[str, float] = field(default_factory=dict)
+    exceptions: Mapping[str, float] = field(default_factory=dict[str, float])
     recorded: bool = False
     redraw: bool | None = None
     own: Problem | None = None
