@@ -137,6 +137,21 @@ def test_noises_have_the_same_default_everywhere(new, tmp_path):
             assert option.default == parameters_of(UkfParams)[option.name].default
 
 
+def test_data_that_do_not_fit_are_refused_before_a_sweep(new, ukf, tmp_path, monkeypatch):
+    new("strut_sweep")
+    monkeypatch.chdir(tmp_path / "strut_sweep")
+    (tmp_path / "strut_sweep" / "log.csv").write_text("time,heater\n1.0,30.0\n")
+    problem = ("--problem", "strut_sweep.model:problem", "--accuracy", "strut_sweep.model:problem")
+    options = ("sweep", *problem, "--no-resources")
+    message = "must be a column of log.csv, and is not"
+    assert message in ukf(*options, "--data", "log.csv", code=2).stderr.replace("\n", " ")
+    longer, shorter = (
+        Recipe.of("strut_sweep.model:problem").scenario(steps).record for steps in (1000, 10)
+    )
+    np.testing.assert_array_equal(longer.truth[:10], shorter.truth)
+    assert not (tmp_path / "strut_sweep" / "build" / "sweep").exists()
+
+
 def test_workflows_run_the_commands_of_the_makefile(new, tmp_path):
     """The targets that they make are there, and so is the report that they keep."""
     new("strut")

@@ -8,6 +8,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from rich.table import Table
 
 from ukf_sw.extras import require
+from ukf_sw.problems.finding import is_own
+from ukf_sw.problems.recipe import Recipe
 from ukf_tools.cli.console import (
     JsonOption,
     checked,
@@ -115,6 +117,9 @@ def sweep(
         )
         if accuracy is not None and not any(_judges(questions, point) for point in points):
             raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
+        if accuracy is not None and (data or is_own(accuracy)):
+            # What is wrong with data of one's own is said now, not in every row.
+            Recipe.of(accuracy, seed=seed, logs=questions.logs).scenario(steps)
     _tell_illegal(points)
     try:
         with checked():
