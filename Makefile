@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline check lint types wheel-check format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics rounding iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline check lint types wheel-check format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -12,13 +12,14 @@ STAMP  := $(VENV)/.installed
 help: ## List the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
-# --group needs pip 25.1.
+# --group needs pip 25.1. Compiling everything would take as long as the rest; Python compiles a
+# module when it is first imported.
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 is needed")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV): minutes, the first time"
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
-	$(BIN)/python -m pip install --quiet --editable . --group dev
+	$(BIN)/python -m pip install --quiet --no-compile --editable . --group dev
 	touch $@
 
 install: $(STAMP) ## Make the environment in .venv
@@ -95,6 +96,9 @@ bench: $(STAMP) ## Measure the speed of simulation, models, generator and sweeps
 
 numerics: $(STAMP) ## Measure formats, forms and W0 on the applications, and note it
 	$(BIN)/python -m ukf_docs measure numerics
+
+rounding: $(STAMP) ## Measure which roundings cost the nanosatellite accuracy, and note it (slow)
+	$(BIN)/python -m ukf_docs measure rounding
 
 iteration: $(STAMP) ## Co-simulate iterations with the 2018 paper's bus, and note the traffic
 	$(BIN)/python -m ukf_docs measure iteration

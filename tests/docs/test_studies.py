@@ -6,12 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ukf_docs.studies import STUDIES, baseline, bench, growth, iteration, numerics, routing, study
+from ukf_docs.studies import (
+    STUDIES,
+    baseline,
+    bench,
+    growth,
+    iteration,
+    numerics,
+    rounding,
+    routing,
+    study,
+)
+from ukf_docs.studies.rounded_filter import RoundedFilter, Roundings
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.running import run
-from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.problems.systems.random_system import random_scenario
-from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
+from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.counting import SECTIONS
 from ukf_tools.baseline.report import PAPER
@@ -110,9 +121,71 @@ def test_what_cannot_be_measured_leaves_the_note(counted, documents, monkeypatch
     monkeypatch.setitem(STUDIES, "bench", replace(counted, measure=fail))
     assert "Error: the core differs" in documents("measure", "bench", code=1).stderr
     assert counted.read() == {"count": 3}
-    message = "NAME must be one of resources, growth, routing, bench, numerics, iteration, baseline"
     result = documents("measure", "bench", "weather", code=2)
-    assert f"{message}, not 'weather'" in result.stderr
+    assert f"NAME must be one of {', '.join(STUDIES)}, not 'weather'" in result.stderr
+
+
+# Roundings.
+
+
+def states(problem, roundings):
+    """Estimates of runs with some roundings, shape (steps, runs, n)."""
+    filters = RoundedFilter(problem, np.tile(problem.x0, (len(roundings), 1)), roundings)
+    z, _ = problem.samples()
+    found = []
+    for k in range(problem.steps):
+        inputs = problem.record.inputs[k]
+        filters.step(np.tile(inputs, (len(roundings), 1)), np.tile(z[k], (len(roundings), 1)))
+        found.append(filters.x)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("noise", Noise)
+def test_with_all_roundings_it_is_the_golden_model_and_without_any_the_reference(noise):
+    problem = replace(nanosat(1, noise=noise, steps=60), pes=4)
+    cases = [Roundings(), *rounding.CASES.values()]
+    x = states(problem, cases)
+    np.testing.assert_array_equal(x[:, 1], run(problem, "golden").x)
+    reference = run(problem, "reference").x
+    np.testing.assert_allclose(x[:, 0], reference, rtol=0, atol=1e-9)
+    # Each set of roundings does something, and something else than the others; an origin helps.
+    assert len(np.unique(x[-1], axis=0)) == len(cases)
+    off = np.sqrt(((x - reference[:, None])[10:, :, :4] ** 2).mean(axis=(0, 2)))
+    assert off[-1] < off[1] / 4
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"form": Form.COVARIANCE}, "must have the square-root form, binary32 and W0 = 0"),
+        ({"W0": 0.5}, "must have the square-root form, binary32 and W0 = 0"),
+        ({"redraw": True}, "redraw must be False"),
+    ],
+)
+def test_other_filters_are_not_emulated(change, message):
+    problem = replace(nanosat(steps=1), **change)
+    with pytest.raises(ValueError, match=message):
+        RoundedFilter(problem, problem.x0[None], [Roundings()])
+
+
+def test_roundings_are_measured_and_shown():
+    problems = [
+        replace(nanosat(seed, noise=Noise.ADDITIVE, steps=100), settled=0.05) for seed in (0, 1)
+    ]
+    row, *others = rounding.measure_roundings(problems, lambda *what: None)
+    assert len(others) == len(rounding.CASES) - 1
+    assert row["case"] == "all, as the core"
+    assert len(row["loss"]) == 2
+    assert all(abs(loss) < 0.5 for loss in row["loss"])
+    assert 0.9 < row["deviation"] < 1.1
+    text = rounding.STUDY.tables["roundings"]({"roundings": [{**row, "loss": [0.01, 0.03]}]})
+    assert "| additive | all, as the core | +2.00 ± 1.00 % | 1.41 % |" in text
+
+
+def test_resolution_is_that_of_the_state_that_moves_least():
+    assert 2.0 < rounding.measure_resolution("battery", steps=300) < 1e6
+    text = rounding.STUDY.tables["resolution"]({"resolution": {"nanosat": 0.9191}})
+    assert "| nanosat | 0.92 |" in text
 
 
 # Time of an iteration.

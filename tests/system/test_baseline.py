@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from support.problems import change_data
 from ukf_sw.problems.running import run
-from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat, nanosat_2014
+from ukf_sw.problems.systems.nanosat import nanosat, nanosat_2014
 from ukf_sw.reference import ReferenceUkf
 from ukf_tools.baseline.costs import cost, rewrite
 from ukf_tools.baseline.counting import SECTIONS, count
@@ -25,7 +25,6 @@ from ukf_tools.baseline.executable import (
     Target,
     build,
 )
-from ukf_tools.baseline.report import bus_words
 from ukf_tools.cli import app
 
 STEPS = 300
@@ -80,12 +79,6 @@ def test_what_is_missing_is_named(tmp_path):
         build(Target(compiler="no-such-gcc"), tmp_path)
     with pytest.raises(BaselineError, match=r"has no GNU Scientific Library; run .*/fetch-gsl\.sh"):
         build(NATIVE, tmp_path, sysroot=tmp_path)
-
-
-def test_words_of_an_iteration():
-    """The 2018 nanosatellite: 9 columns out, 22 back, 22 observations, z, x; and with 9 points."""
-    assert bus_words(NANOSAT) == 7 * 9 + 7 * 22 + 6 * 22 + 6 + 7 == 362
-    assert bus_words(NANOSAT_ADDITIVE) == 193
 
 
 # Costs.

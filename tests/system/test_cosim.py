@@ -100,7 +100,7 @@ def test_additive_noise(core_cache):
     params = replace(NANOSAT_ADDITIVE, pes=3)
     found = run_core(core_cache, params, name="nanosat-additive", steps=2)
     check(found, params, 2)
-    assert found.traffic.words == 193
+    assert found.traffic.words == 193 + 3
 
 
 def test_icarus(core_cache, icarus):

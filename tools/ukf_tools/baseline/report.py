@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from ukf_sw.drivers.driver import Traffic
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
@@ -12,8 +13,9 @@ from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.costs import TOOL, Cycles, cost
 from ukf_tools.baseline.counting import COMPILER, DISASSEMBLER, SECTIONS, count
 from ukf_tools.baseline.executable import ARM, VARIANTS, build, need
+from ukf_tools.design_space.traffic import count_words
 
-__all__ = ["PAPER", "bus_words", "markdown", "measure"]
+__all__ = ["PAPER", "markdown", "measure"]
 
 #: Clocks of processor and core in MHz, the papers'.
 PROCESSOR_MHZ, CORE_MHZ = 667.0, 100.0
@@ -25,12 +27,6 @@ PAPER: dict[str, Any] = {
     "models": 52.0, "predict": 522.0, "update": 87.0, "total": 660.0,
     "core_total": {"1": 363.0, "2": 272.0, "5": 228.0, "10": 212.0},
 }  # fmt: skip
-
-
-def bus_words(params: UkfParams) -> int:
-    """Words of the buffer that an iteration moves: points out, points back, z in, x out."""
-    p = params
-    return p.format.bus_words * (p.n * (p.n + 2) + p.n * p.N + p.m * p.N + p.m + p.n)
 
 
 def _software(steps: int, sysroot: Path | None) -> dict[str, dict[str, Cycles]]:
@@ -61,7 +57,9 @@ def _core(params: UkfParams, models: list[float], software: dict[str, Any]) -> d
     """One row: the core, its bus and the models, and how much faster that is."""
     code = microcode(params, Pipeline())
     cycles = code.clocks(Program.PREDICT) + code.clocks(Program.UPDATE)
-    hardware, bus = cycles / CORE_MHZ, bus_words(params) * WORD_CLOCKS / CORE_MHZ
+    traffic = Traffic(**count_words(params, redraws=False))
+    words = traffic.words + traffic.register_words
+    hardware, bus = cycles / CORE_MHZ, words * WORD_CLOCKS / CORE_MHZ
     total = [hardware + bus + bound for bound in models]
     speedup: dict[str, Any] = {}
     for name, record in software.items():
@@ -77,8 +75,8 @@ def _core(params: UkfParams, models: list[float], software: dict[str, Any]) -> d
     }
     return {
         "pes": params.pes, "cycles": cycles, "hardware_us": hardware,
-        "words": bus_words(params), "bus_us": bus, "models_us": models, "total_us": total,
-        "speedup_over": speedup,
+        "words": traffic.words, "register_words": traffic.register_words, "bus_us": bus,
+        "models_us": models, "total_us": total, "speedup_over": speedup,
     }  # fmt: skip
 
 
