@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ukf_factor.h"
+#include "ukf_registers.h"
 
 #define TURN 6.283185307179586476925286766559
 
@@ -660,6 +661,52 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     return result == UKF_OK && ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : result;
 }
 
+/** Whether all numbers are zero in the format of the core. */
+static bool all_zero(const struct ukf *ukf, const ukf_real *values, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        if (ukf_driver_round(&ukf->driver, values[i]) != 0) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/**
+ * Refuse a row of Z that is one number for all sigma points and has no noise. Its variance is zero,
+ * but the core would find the rounding error of its mean, and nothing to compare that with. Of a row
+ * of zeros it finds zero, and says so itself.
+ */
+static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint32_t used)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    const ukf_real *factor = ukf->noise + core->q * core->q;
+
+    for (uint32_t i = 0; i < rows.count; i++) {
+        const ukf_real *row = ukf->Z + i * core->points;
+        const ukf_real first = ukf_driver_round(&ukf->driver, row[0]);
+        bool varies = (used >> i & 1u) == 0u || first == 0;
+
+        if (core->additive_r != 0u) {
+            const uint32_t columns = ukf_core_noise_columns(core);
+
+            varies = varies || !all_zero(ukf, factor + (rows.first + i) * columns, columns);
+        }
+        for (uint32_t k = 1; !varies && k < core->points; k++) {
+            varies = ukf_driver_round(&ukf->driver, row[k]) != first;
+        }
+        if (!varies) {
+            ukf->driver.fault = (struct ukf_fault){
+                .step = UKF_STEP_UPDATE,
+                .code = UKF_ERROR_CODE_SINGULAR_OBSERVATION,
+                .index = rows.first + i,
+            };
+            return UKF_SINGULAR_OBSERVATION;
+        }
+    }
+    return UKF_OK;
+}
+
 enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask)
 {
     const struct ukf_core *core = ukf->driver.core;
@@ -716,6 +763,10 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
         if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {
             observation[i] = observation[i] > 0 ? (ukf_real)FLT_MAX : -(ukf_real)FLT_MAX;
         }
+    }
+    result = check_varies(ukf, ukf_core_rows(core, sensor), used);
+    if (result != UKF_OK) {
+        return result;
     }
     result = ukf_driver_update(&ukf->driver, sensor, ukf->Z, observation, used, &ukf->nis,
                                &ukf->gated);

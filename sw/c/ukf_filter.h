@@ -182,8 +182,9 @@ enum ukf_result ukf_redraw(struct ukf *ukf);
  * @param z      Observation, a number for each row of the sensor; those that were not sampled do not
  *               matter.
  * @param mask   Bit i: row i of the sensor was sampled. If none was, nothing happens.
- * @return UKF_BAD_ARGUMENT if a sampled observation is not finite, or there is no such sensor. UKF_OK
- *         also if the gate rejected the observation: then ukf->gated is true.
+ * @return UKF_BAD_ARGUMENT if a sampled observation is not finite, or there is no such sensor.
+ *         UKF_SINGULAR_OBSERVATION, without asking the core, if a row is one number for all sigma points
+ *         and has no noise. UKF_OK also if the gate rejected the observation: then ukf->gated is true.
  */
 enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask);
 

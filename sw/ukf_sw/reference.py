@@ -245,6 +245,9 @@ class ReferenceUkf:
             R = self._additive_R(sensor)[np.ix_(mask, mask)]
             S = (observed * self._weights) @ observed.T + R
             Pxz = (residuals * self._weights) @ observed.T
+        # The residuals of a row of equal numbers are the rounding error of their mean.
+        equal = (points == points[:, :1]).all(axis=1) & (np.diag(R) == 0.0)
+        S[equal], S[:, equal], Pxz[:, equal] = 0.0, 0.0, 0.0
         # An innovation may be infinite, since z and its mean are finite; so is the NIS then.
         if not (np.isfinite(S).all() and np.isfinite(Pxz).all()) or np.isnan(innovation).any():
             raise NotFiniteError(Step.UPDATE)

@@ -38,7 +38,9 @@ from ukf_sw.spec.sequence import Program, Step
 STEPS = [step for step in Step if step is not Step.IDLE]
 PARAMS = [
     pytest.param(UkfParams(n=1, m=1), id="smallest", marks=pytest.mark.slow),
-    pytest.param(UkfParams(n=7, m=6, q=7, r=6, pes=10), id="nanosat"),
+    pytest.param(
+        UkfParams(n=7, m=6, q=7, r=6, pes=10), id="nanosat", marks=pytest.mark.slow
+    ),
     pytest.param(
         UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half",
         marks=pytest.mark.slow,

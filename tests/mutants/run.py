@@ -93,6 +93,26 @@ MUTANTS = [
         "tests/sw/test_driver.py -k cycles",
     ),
     Mutant(
+        "driver: a row that is constant and has noise is refused", "sw/ukf_sw/drivers/driver.py",
+        "constant &= ~factors.any(axis=1)", "pass",
+        "tests/sw/test_hostile_observations.py -k constant",
+    ),
+    Mutant(
+        "reference: a row that is constant has a variance", "sw/ukf_sw/reference.py",
+        "S[equal], S[:, equal], Pxz[:, equal] = 0.0, 0.0, 0.0", "pass",
+        "tests/sw/test_hostile_observations.py -k constant",
+    ),
+    Mutant(
+        "C filter: a row that is constant is left to the core", "sw/c/ukf_filter.c",
+        "if (!varies) {", "if (!varies && core->n == 0u) {",
+        C_DRIVER + " -k constant",
+    ),
+    Mutant(
+        "C filter: a row that is constant and has noise is refused", "sw/c/ukf_filter.c",
+        "varies = varies || !all_zero(", "varies = varies || all_zero(",
+        C_DRIVER + " -k constant",
+    ),
+    Mutant(
         "finding: results of an older model are taken", "sw/ukf_sw/problems/recipe.py",
         'known["modules"] = digest_of_modules(self.name)', "pass",
         "tests/sw/test_finding.py",

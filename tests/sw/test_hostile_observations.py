@@ -47,6 +47,34 @@ def test_a_row_that_depends_on_others_is_named(backend, core):
         np.testing.assert_allclose(ukf.x, [0.1, 0.2], rtol=1e-6)
 
 
+@pytest.mark.parametrize(("backend", "core"), CORES)
+@pytest.mark.parametrize("noise", Noise)
+@pytest.mark.parametrize("constant", [0.0, 0.1, -3e7])
+def test_a_row_that_is_constant_and_has_no_noise_is_named(backend, core, noise, constant):
+    """The rounding error of its mean looks like a variance."""
+    augmented = noise is Noise.AUGMENTED
+
+    def h(x, v):
+        return [x[0], constant, x[1], v[1] if augmented else constant]
+
+    problem = Problem(
+        name="constant", f=lambda x, w, u: x, x0=[1.0, 2.0], P0=np.diag([1.0, 2.0]),
+        sensors=Sensor(h, R=np.diag([0.0, 4.0]) if augmented else np.diag([0.0, 0.0, 0.0, 4.0])),
+        observation_noise=noise, **core,
+    )  # fmt: skip
+    ukf = UnscentedKalmanFilter(problem, backend)
+    before = state(ukf)
+    with pytest.raises(SingularObservationError, match=r"singular at row 1$"):
+        ukf.update([1.0, constant, 2.0, 0.0])
+    assert state(ukf) == before
+    # One with noise is as good as any, and so is one that was not sampled.
+    mask = np.array([True, False, True, True])
+    if core.get("form") is Form.COVARIANCE:  # which has no P = 0
+        mask[:3] = False
+    ukf.update([1.0, constant, 2.0, 0.0 if augmented else constant], mask)
+    np.testing.assert_allclose(ukf.x, [1.0, 2.0], rtol=1e-6)
+
+
 @pytest.mark.parametrize("form", Form)
 @pytest.mark.parametrize("seed", range(40))
 def test_dependent_rows_of_any_scale_are_found_and_precise_sensors_are_not(form, seed):

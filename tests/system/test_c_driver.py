@@ -1054,6 +1054,24 @@ def test_a_singular_observation(library):
     c.update([0.0, 0.0], np.array([True, False]))
 
 
+@pytest.mark.parametrize("noise", Noise)
+def test_a_row_that_is_constant_and_has_no_noise(library, noise):
+    """The core is not asked: the rounding error of the mean would look like a variance."""
+    params = replace(AUGMENTED, observation_noise=noise)
+    c, bus = start(library, params, observe=lambda x, v: [x[0] + v[0], 0.1])
+    if noise is Noise.ADDITIVE:
+        c.update([0.0, 0.0])  # its noise is not zero
+        c.set_noise(problem(params)["Q"], np.diag([0.1, 0.0]))
+    c.predict(0.1)
+    before, accesses = c.x, len(bus.log)
+    error = failing(c.update, [0.0, 0.0])
+    assert len(bus.log) == accesses
+    assert error.result is Result.SINGULAR_OBSERVATION
+    assert (error.fault["step"], error.fault["index"]) == (Step.UPDATE, 1)
+    assert (c.x == before).all()
+    c.update([0.0, 0.0], np.array([True, False]))
+
+
 def test_a_covariance_that_is_not_positive_definite(library):
     """In the covariance form, a state that is known exactly has no factor."""
     bus = NotingBus(GoldenCore(COVARIANCE))

@@ -68,12 +68,12 @@ def test_nanosat(core_cache, form, P0, interrupt):
 
 
 def test_covariance_form_stops_at_first_bad_pivot(core_cache):
-    """A large P0 is too much for covariances in binary32: an error, and a good estimate.
+    """Eleven bits are too few for the covariances of a pendulum: an error, and a good estimate.
 
     Which pivot is the first bad one is a matter of rounding, so the model says it.
     """
-    params = replace(NANOSAT, pes=2, form=Form.COVARIANCE)
-    found = run_core(core_cache, params, name="nanosat-2014", steps=20, P0=100.0)
+    recipe = Recipe.of("pendulum", P0=100.0, pes=2, form=Form.COVARIANCE, format=BINARY16)
+    found = cosimulate(recipe.scenario, 20, cache=core_cache, optimise=False)
     assert found.mismatch is None
     assert not found.okay
     stop = found.run.stop

@@ -17,6 +17,7 @@ from ukf_sw.errors import (
     EstimateLostError,
     FormatOverflowError,
     NotFiniteError,
+    SingularObservationError,
     StepLostError,
     WrongCoreError,
     error_of,
@@ -737,6 +738,8 @@ class Driver:
 
         Raises
         ------
+        SingularObservationError
+            If a row is one number for all sigma points and has no noise.
         StepError
             If the step fails.
         """
@@ -745,6 +748,7 @@ class Driver:
         if self._gate is not None and np.isfinite(self._codec.from_words(self._gate)[0]):
             z = np.where(beyond, np.copysign(largest, z), z)
         words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
+        self._check_varies(words[: -len(z) * self._params.format.bus_words], mask, sensor)
         sampled = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
         rows = self._params.rows_of(sensor)
         own = (1 << rows.stop) - (1 << rows.start)
@@ -775,6 +779,23 @@ class Driver:
             if self._params.format.bus_words == 2:
                 found.append(self._read_register(NIS_HIGH))
         return float(self._codec.from_words(np.array(found, dtype=np.uint32))[0]), gated
+
+    def _check_varies(self, words: Words, mask: NDArray[np.bool_], sensor: int) -> None:
+        """Refuse a row that is one number for all sigma points and has no noise.
+
+        Its variance is zero, but the core would find the rounding error of its mean, and nothing
+        to compare that with. Of a row of zeros it finds zero, and says so itself.
+        """
+        p = self._params
+        rows = p.rows_of(sensor)
+        points = words.reshape(len(rows), p.N, -1)
+        first = points[:, :1]
+        constant = mask & (points == first).all(axis=(1, 2)) & first.any(axis=(1, 2))
+        if p.additive_r and self._noise is not None:
+            factors = self._noise[1].reshape(p.r, -1)[rows.start : rows.stop]
+            constant &= ~factors.any(axis=1)
+        if constant.any():
+            raise SingularObservationError(Step.UPDATE, rows.start + int(constant.argmax()))
 
     def state(self) -> Array:
         """Read x, shape (n,)."""
