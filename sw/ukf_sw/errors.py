@@ -13,6 +13,8 @@ What a method that raises has done:
   not at all.
 """
 
+import traceback
+from pathlib import Path
 from typing import Any, ClassVar
 
 from ukf_sw.spec.registers import ErrorCode
@@ -275,6 +277,18 @@ class NotPositiveDefiniteError(StepError):
     def __init__(self, step: Step, index: int) -> None:
         super().__init__(f"{step.name}: covariance is not positive definite at row {index}", step)
         self.index = index
+
+
+def describe(error: Exception) -> str:
+    """Say what code of the user raised, and in which line of it."""
+    if isinstance(error, SyntaxError):
+        return f"SyntaxError: {error.msg} ({error.filename}, line {error.lineno})"
+    own = [
+        frame for frame in traceback.extract_tb(error.__traceback__)
+        if "importlib" not in frame.filename and "ukf_sw" not in Path(frame.filename).parts
+    ]  # fmt: skip
+    where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
+    return f"{type(error).__name__}: {error}{where}"
 
 
 def error_of(step: Step, code: int, index: int) -> StepError:

@@ -26,6 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.arrays import as_covariance, as_indices, as_vector, is_masked
+from ukf_sw.errors import describe
+from ukf_sw.extras import MissingExtraError
 from ukf_sw.models import ObservationModel, ProcessModel, check_takes, wrap
 from ukf_sw.spec.fields import as_bool, as_int, parameters_of
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
@@ -112,7 +114,7 @@ class Data:
     TypeError
         If the data are no arrays or sequences.
     ValueError
-        If the data are not K steps long.
+        If the data are not K steps long, or the times are not finite and rising.
     """
 
     times: Array
@@ -131,6 +133,25 @@ class Data:
                     self._check(each.name, part)
             elif given is not None or each.name in ("times", "measurements"):
                 self._check(each.name, given)
+        object.__setattr__(self, "times", self._rising(self.times))
+
+    @staticmethod
+    def _rising(given: ArrayLike) -> Array:
+        """Give times as an array, if they are some."""
+        found = np.asarray(given)
+        if found.dtype.kind not in "fiu" or found.ndim != 1:
+            raise ValueError(f"times must be a vector of numbers, not {given!r}")
+        times = found.astype(np.float64)
+        if not np.isfinite(times).all():
+            step = int(np.isfinite(times).argmin())
+            raise ValueError(f"times must be finite, not {times[step]} at step {step}")
+        rises = np.diff(times) > 0.0
+        if not rises.all():
+            step = int(rises.argmin())
+            raise ValueError(
+                f"times must rise, not go from {times[step]} at step {step} to {times[step + 1]}"
+            )
+        return times
 
     def _check(self, name: str, data: Any) -> None:
         """Check that data have as many entries as there are times."""
@@ -175,6 +196,23 @@ def _named(given: Mapping[str, str] | Sequence[str], what: str) -> dict[str, str
     if len(named) < len(given):
         raise ValueError(f"{what} must have different names, not {tuple(given)!r}")
     return named
+
+
+def _width(inputs: Sequence[Any] | Array | None) -> int | None:
+    """How many numbers each input is; None if inputs are no numbers."""
+    try:
+        shape = np.asarray(inputs, dtype=np.float64).shape
+    except (TypeError, ValueError):
+        return None
+    return None if inputs is None or len(shape) > 2 else (*shape, 1)[1]
+
+
+def _check_radians(name: str, angles: Sequence[int], units: Mapping[str, str]) -> None:
+    """Check the units of angles, where there are some."""
+    for row in angles:
+        label, unit = [*units.items()][row] if units else ("", "")
+        if unit not in ("", "rad"):
+            raise ValueError(f"{name} must be in rad, and {label} is in {unit!r}")
 
 
 def _rows(name: str, value: ArrayLike | None) -> int:
@@ -304,6 +342,11 @@ class Problem:
         self._set(
             "state_angles", as_indices(self.state_angles, "state_angles", n, tuple(self.states))
         )
+        _check_radians(
+            "state_angles",
+            cast("tuple[int, ...]", self.state_angles),
+            cast("dict[str, str]", self.states),
+        )
         self._set("sensors", self._complete_sensors())
         _ = self.params  # it is checked there that there is such a core
         if isinstance(self.data, Data):
@@ -366,6 +409,8 @@ class Problem:
             raise ValueError(
                 f"{of_sensor('m', name)} must be {len(names)}, the number of names, not {m!r}"
             )
+        angles = as_indices(sensor.angles, of_sensor("angles", name), m, tuple(names))
+        _check_radians(of_sensor("angles", name), angles, names)
         covariance = sensor.R
         if noisy:
             covariance, r = (np.zeros((m, m)) if covariance is None else covariance), m
@@ -375,7 +420,7 @@ class Problem:
             R=as_covariance(covariance, of_sensor("R", name), r),
             m=m,
             observations=names or {f"{stem}[{i}]" if m > 1 else stem: "" for i in range(m)},
-            angles=as_indices(sensor.angles, of_sensor("angles", name), m, tuple(names)),
+            angles=angles,
         )
 
     def _count(self, name: str, sensor: Sensor, r: int) -> int:
@@ -505,6 +550,12 @@ class Problem:
                 f"truth must have the shape {shape} to be compared with the states, not "
                 f"{np.shape(data.truth)}: give an error function"
             )
+        width = _width(data.inputs)
+        if self.inputs and width is not None and width != len(self.inputs):
+            raise ValueError(
+                f"inputs must have {len(self.inputs)} numbers in each step, for "
+                f"{', '.join(self.inputs)}, not {width}"
+            )
         return replace(data, measurements=measurements, sampled=sampled)
 
     def _by_sensor(self, what: str, given: Any, steps: int) -> dict[str, Any]:
@@ -521,10 +572,12 @@ class Problem:
             )
         parts = {name: _array(of_sensor(what, name), found[name]) for name in names}
         for name, part in parts.items():
-            shape = steps, cast("int", self._sensors[name].m)
+            sensor = self._sensors[name]
+            shape = steps, cast("int", sensor.m)
             if part.shape != shape:
                 raise ValueError(
-                    f"{of_sensor(what, name)} must have the shape {shape}, not {part.shape}"
+                    f"{of_sensor(what, name)} must have the shape {shape}, not {part.shape}: "
+                    f"columns of {', '.join(sensor.observations)}"
                 )
         return parts
 
@@ -539,7 +592,9 @@ class Problem:
         """
         if not isinstance(self.data, Data):
             missing = (
-                "None" if self.data is None else "the function that makes them: use with_data()"
+                "None: it needs data, or a log"
+                if self.data is None
+                else "the function that makes them: use with_data()"
             )
             raise ValueError(f"data of the problem {self.name!r} must be Data, not {missing}")
         return self.data
@@ -559,9 +614,22 @@ class Problem:
         ValueError
             If there are no data, or not as many steps.
         """
-        if callable(self.data):
-            return replace(self, data=self.data(seed, steps))
-        return self if steps is None else replace(self, data=self.record.first(steps))
+        if not callable(self.data):
+            return self if steps is None else replace(self, data=self.record.first(steps))
+        what = f"data of the problem {self.name!r}"
+        try:
+            made = cast("object", self.data(seed, steps))
+        except MissingExtraError:
+            raise
+        except Exception as error:
+            count = "all" if steps is None else steps
+            raise ValueError(
+                f"{what} must be made by data(seed, steps), and for seed {seed} and {count} steps "
+                f"it raised {describe(error)}"
+            ) from error
+        if not isinstance(made, Data):
+            raise TypeError(f"{what} must be Data, and its function gave {made!r}")
+        return replace(self, data=made if steps is None else made.first(steps))
 
     def samples(self, sensor: str | None = None) -> tuple[Array, Mask]:
         """Give the observations of a sensor, and which were sampled, shape (K, m) each.

@@ -95,12 +95,12 @@ def test_it_is_found_from_other_folders_by_its_recipe(cart, tmp_path_factory, mo
          r"problems")),
         ("cart.rates:DT", (r"must be a Problem, and DT of cart\.rates is of the class float; there "
          r"is no problem there$")),
-        ("broken:problem", (r"must be in a module that can be imported, and broken cannot "
-         r"\(\S+broken\.py, line 3\): ValueError: x0 must have the shape \(2,\), not \(3,\)$")),
-        ("torn:problem", (r"must be in a module that can be imported, and torn cannot "
-         r"\(\S+torn\.py, line 2\): SyntaxError: ")),
-        ("lonely:problem", (r"must be in a module that can be imported, and lonely cannot "
-         r"\(\S+lonely\.py, line 1\): ModuleNotFoundError: No module named 'no_such_package'$")),
+        ("broken:problem", (r"must be in a module that can be imported, and broken cannot: "
+         r"ValueError: x0 must have the shape \(2,\), not \(3,\) \(\S+broken\.py, line 3\)$")),
+        ("torn:problem", (r"must be in a module that can be imported, and torn cannot: "
+         r"SyntaxError: .* \(\S+torn\.py, line 2\)$")),
+        ("lonely:problem", (r"must be in a module that can be imported, and lonely cannot: "
+         r"ModuleNotFoundError: No module named 'no_such_package' \(\S+lonely\.py, line 1\)$")),
     ],
 )  # fmt: skip
 def test_wrong_names_are_refused(cart, name, message):

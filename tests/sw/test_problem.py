@@ -328,8 +328,67 @@ def test_data_may_be_made_by_a_function():
     one, other = made.with_data(3, 2), made.with_data(4, 2)
     assert one.times.tolist() == [0.0, 1.0]
     assert (one.samples("gps")[0] != other.samples("gps")[0]).all()
-    with pytest.raises(ValueError, match=r"^data of the problem 'cart' must be Data, not None$"):
+    with pytest.raises(
+        ValueError, match=r"^data of the problem 'cart' must be Data, not None: it needs d"
+    ):
         run(make())
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([0.0, np.nan, 2.0, 3.0], "^times must be finite, not nan at step 1$"),
+        ([0.0, 1.0, np.inf, 3.0], "^times must be finite, not inf at step 2$"),
+        ([0.0, 1.0, 1.0, 3.0], "^times must rise, not go from 1.0 at step 1 to 1.0$"),
+        ([0.0, 2.0, 1.0, 3.0], "^times must rise, not go from 2.0 at step 1 to 1.0$"),
+        (np.zeros((4, 1)), "^times must be a vector of numbers, not array"),
+        (["0", "1", "2", "3"], "^times must be a vector of numbers, not "),
+    ],
+)
+def test_times_rise(times, message):
+    with pytest.raises(ValueError, match=message):
+        data(times=times)
+    assert data(times=[0, 1, 2, 4]).times.tolist() == [0.0, 1.0, 2.0, 4.0]
+
+
+def test_inputs_are_as_wide_as_their_names():
+    message = r"^inputs must have 2 numbers in each step, for speed, turn, not "
+    for wrong, width in ((TIMES, 1), (np.zeros((4, 3)), 3)):
+        with pytest.raises(ValueError, match=f"{message}{width}$"):
+            make(inputs=("speed", "turn"), data=data(inputs=wrong))
+    for right in (np.zeros((4, 2)), [(0.0, 1.0)] * 4, [{"speed": 1.0}] * 4, None):
+        make(inputs=("speed", "turn"), data=data(inputs=right))
+    make(inputs=("speed",), data=data(inputs=TIMES))
+
+
+def test_angles_are_in_radians():
+    with pytest.raises(ValueError, match=r"^state_angles must be in rad, and b is in 'deg'$"):
+        make(states={"a": "m", "b": "deg", "c": ""}, state_angles=("b",))
+    with pytest.raises(ValueError, match=r"^angles of compass must be in rad, and yaw is in '°'$"):
+        make(sensors={"compass": Sensor(lambda x, v: x[:1], observations={"yaw": "°"},
+                                        angles=("yaw",))})  # fmt: skip
+    made = make(states={"a": "m", "b": "rad", "c": "deg"}, state_angles=("b",))
+    assert made.state_angles == (1,)
+
+
+def test_what_the_function_of_the_data_does_wrong_is_told():
+    def fails(seed, steps):
+        return 1 // seed
+
+    with pytest.raises(ValueError, match=(
+        r"^data of the problem 'cart' must be made by data\(seed, steps\), and for seed 0 and all "
+        r"steps it raised ZeroDivisionError: .* \(.*test_problem\.py, line \d+\)$"
+    )):  # fmt: skip
+        make(data=fails).with_data()
+    with pytest.raises(ValueError, match=r"and 3 steps it raised TypeError: .* positional"):
+        make(data=lambda seed: data()).with_data(steps=3)
+    with pytest.raises(TypeError, match=r"must be Data, and its function gave None$"):
+        make(data=lambda seed, steps: None).with_data()
+    # One that disregards steps gives more than are asked for.
+    stubborn = make(data=lambda seed, steps: data())
+    assert stubborn.with_data(steps=2).steps == 2
+    with pytest.raises(ValueError, match=r"^steps must be between 1 and 4, not 5$"):
+        stubborn.with_data(steps=5)
 
 
 def test_the_first_steps_of_data():

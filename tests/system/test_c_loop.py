@@ -116,6 +116,10 @@ def test_differences_are_found():
     assert first_difference(replace(expected, results=results), expected) == (
         "results of step 4: 65, not 0"
     )
+    said = "step 3: time-out (65)\nstep 4: bad model (72): failed at sigma point 1, row 0\n"
+    assert first_difference(replace(expected, results=results), expected, said) == (
+        "results of step 4: 65, not 0 (step 4: bad model (72): failed at sigma point 1, row 0)"
+    )
     assert first_difference(replace(expected, x=x[:2]), expected) == "2 steps, not 5"
     assert first_difference(replace(expected, P=None), expected) == "P at the end"
     assert first_difference(replace(expected, P=-expected.P), expected) == "P at the end"
@@ -168,6 +172,25 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
     masks = np.frombuffer(data, "<u4", 30, len(data) - 120)
     assert (masks == sampled @ (1 << np.arange(6))).all()
     assert {0, 0b111, 0b111000} <= set(masks.tolist()) <= {0, 0b111, 0b111000, 0b111111}
+
+
+@pytest.mark.parametrize("interval", [1e-3, 0.05, 1 / 30, 2.0])
+@pytest.mark.parametrize("first", [0.0, 0.05, 1e3])
+def test_the_interval_is_that_of_the_steps(interval, first, tmp_path):
+    """Wherever the times begin; and none if the steps are not equally long."""
+    made = nanosat(steps=30)
+    times = first + np.arange(30) * interval
+    binary, header = export_scenario(
+        replace(made, data=replace(made.record, times=times)), 3, tmp_path
+    )
+    assert np.frombuffer(binary.read_bytes(), "<f8", 1, 40) == interval
+    assert f"    {interval.hex()}, /* interval */" in header.read_text()
+    times[7] += interval / 1000.0
+    binary, header = export_scenario(
+        replace(made, data=replace(made.record, times=times)), 3, tmp_path
+    )
+    assert np.isnan(np.frombuffer(binary.read_bytes(), "<f8", 1, 40)).all()
+    assert "    NAN, /* interval */" in header.read_text()
 
 
 @pytest.mark.parametrize("steps", [0, 4])

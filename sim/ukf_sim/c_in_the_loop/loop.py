@@ -126,10 +126,17 @@ def _sums(nis_of_sensors: NDArray[np.float64]) -> NDArray[np.float64]:
     return total
 
 
-def first_difference(found: CResults, expected: CResults) -> str | None:
+def first_difference(found: CResults, expected: CResults, said: str = "") -> str | None:
     """Name the first difference of two runs, or give None if they are equal bit for bit.
 
     If the expected one ended with a step that failed, what comes after that is not compared.
+
+    Parameters
+    ----------
+    found, expected
+        The runs.
+    said
+        What the found one printed: a line for each step that failed.
     """
     failed = expected.P is None
     if len(found.x) != len(expected.x) and not (failed and len(found.x) > len(expected.x)):
@@ -142,7 +149,10 @@ def first_difference(found: CResults, expected: CResults) -> str | None:
         different = _bits(one) != _bits(other)
         if different.any():
             place = tuple(int(i) for i in np.argwhere(different)[0])
-            return f"{name} of step {place[0]}: {one[place].item()!r}, not {other[place].item()!r}"
+            step = f"step {place[0]}: "
+            lines = [line for line in said.splitlines() if line.startswith(step)]
+            what = f"{name} of {step}{one[place].item()!r}, not {other[place].item()!r}"
+            return f"{what} ({lines[0]})" if lines and name == "results" else what
     if expected.P is None:
         return None
     if found.P is None or (_bits(found.P) != _bits(expected.P)).any():
@@ -262,7 +272,7 @@ def run_c_in_the_loop(
         return CLoopOutcome(
             results=results,
             mismatch=first_difference(
-                results, golden_results(problem, steps, covariances=covariances)
+                results, golden_results(problem, steps, covariances=covariances), done.stderr
             ),
             clocks=int(clocks),
             words=int(words),

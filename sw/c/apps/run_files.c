@@ -9,6 +9,7 @@
 
 struct results {
     FILE *file;
+    const struct ukf_run *run;
     bool written;
 };
 
@@ -20,8 +21,15 @@ static void write_step(void *context, uint32_t step, const ukf_real *x, const uk
     results->written =
         results->written && ukf_results_write(results->file, UKF_N, x, P, record);
     if (record->result != UKF_OK) {
-        (void)fprintf(stderr, "step %" PRIu32 ": %s (%" PRIu32 ")\n", step,
+        const struct ukf_fault *fault = &results->run->fault;
+
+        (void)fprintf(stderr, "step %" PRIu32 ": %s (%" PRIu32 ")", step,
                       ukf_result_name((enum ukf_result)record->result), record->result);
+        if (record->result == UKF_BAD_MODEL) {
+            (void)fprintf(stderr, ": failed or not finite at sigma point %" PRIu32 ", row %" PRIu32,
+                          fault->point, fault->index);
+        }
+        (void)fputc('\n', stderr);
     }
 }
 
@@ -59,8 +67,10 @@ int ukf_run_files(const struct ukf_port *port, const char *scenario_path, const 
         .context = &results,
     };
     enum ukf_result result;
-    const char *complaint = ukf_scenario_read(scenario_path, &scenario);
+    const char *complaint;
 
+    results.run = &run;
+    complaint = ukf_scenario_read(scenario_path, &scenario);
     if (complaint != NULL) {
         (void)fprintf(stderr, "%s: %s\n", scenario_path, complaint);
         return 2;

@@ -24,7 +24,7 @@ struct ukf_scenario {
     uint32_t inputs;   /**< Numbers of an input. */
     uint32_t steps;
     bool redraw;       /**< See struct ukf_options. */
-    double interval;   /**< Time of the first step, s: the interval, if the steps are at equal ones. */
+    double interval;   /**< Of the steps, s; NaN if they are not at equal intervals. */
     const double *x0;  /**< First estimate, n. */
     const double *P0;  /**< Its covariance, n by n. */
     const double *Q;   /**< Covariance of w, q by q. */

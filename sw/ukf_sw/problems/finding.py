@@ -6,10 +6,10 @@ Problems hold functions, which do not pass between processes; their names do.
 import hashlib
 import importlib
 import sys
-import traceback
 from pathlib import Path
 from types import ModuleType
 
+from ukf_sw.errors import describe
 from ukf_sw.problem import Problem
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.entry import Entry
@@ -91,18 +91,8 @@ def _import(name: str, what: str, folder: Path) -> ModuleType:
 
 def _failed(what: str, name: str, error: Exception) -> ProblemNotFoundError:
     """Say that a module cannot be imported, and which line of whose is to blame."""
-    if isinstance(error, SyntaxError):
-        where = f" ({error.filename}, line {error.lineno})"
-        text = f"SyntaxError: {error.msg}"
-    else:
-        text = f"{type(error).__name__}: {error}"
-        own = [
-            frame for frame in traceback.extract_tb(error.__traceback__)
-            if "importlib" not in frame.filename and "ukf_sw" not in Path(frame.filename).parts
-        ]  # fmt: skip
-        where = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
     return ProblemNotFoundError(
-        f"{what} must be in a module that can be imported, and {name} cannot{where}: {text}"
+        f"{what} must be in a module that can be imported, and {name} cannot: {describe(error)}"
     )
 
 

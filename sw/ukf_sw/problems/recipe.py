@@ -144,6 +144,7 @@ class Recipe:
         else:
             problem = self._entry.problem
             made = replace(problem, data=self.logs.read(problem)).with_data(steps=steps)
+        _ = made.record  # it has some
         if self.P0 is not None:
             made = replace(made, P0=self.P0 * np.eye(self.params.n))
         return made.for_core(self.params)

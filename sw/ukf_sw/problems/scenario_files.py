@@ -82,6 +82,25 @@ def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
     return (sampled[:steps] @ bits).astype(np.uint32)
 
 
+def _interval(times: Array) -> float:
+    """Interval of steps at equal ones, NaN of others; of a single step its time.
+
+    Times are rounded, and so are their differences. Of the numbers that all of them allow this is
+    one that people write, of few digits or as a rate: 0.05, or 1/30.
+    """
+    if len(times) == 1:
+        return float(times[0])
+    rounding = 2.0 * np.spacing(np.abs(times).max())
+    steps = np.diff(times)
+    middle = float((times[-1] - times[0]) / len(steps))
+    if (np.abs(steps - middle) > rounding).any():
+        return np.nan
+    written = [float(f"{middle:.{digits}g}") for digits in range(1, 10)]
+    if middle < 1.0:
+        written.append(1.0 / round(1.0 / middle))
+    return next((each for each in written if abs(each - middle) <= rounding), middle)
+
+
 def _binary(problem: Problem, steps: int) -> bytes:
     p = problem.params
     tables = _tables(problem, steps)
@@ -90,7 +109,7 @@ def _binary(problem: Problem, steps: int) -> bytes:
         int(problem.redraws), 0,
     ]  # fmt: skip
     numbers = np.concatenate(
-        [[problem.times[0]], *(table.reshape(-1) for table in tables.values())]
+        [[_interval(problem.times)], *(table.reshape(-1) for table in tables.values())]
     )
     return b"".join((
         np.array(words, dtype="<u4").tobytes(),
@@ -103,10 +122,13 @@ def _header(problem: Problem, steps: int) -> str:
     p = problem.params
     tables = _tables(problem, steps)
     sampled = _sampled(problem, steps)
+    interval = _interval(problem.times)
     lines = [
         f"/* Scenario {problem.name}, {steps} steps. Generated, do not edit. */",
         "#ifndef UKF_SCENARIO_DATA_H",
         "#define UKF_SCENARIO_DATA_H",
+        "",
+        "#include <math.h>",
         "",
         '#include "scenario.h"',
         "",
@@ -132,7 +154,7 @@ def _header(problem: Problem, steps: int) -> str:
         "inputs": f"{tables['input'].shape[1]}u",
         "steps": f"{steps}u",
         "redraw": "true" if problem.redraws else "false",
-        "interval": float(problem.times[0]).hex(),
+        "interval": "NAN" if np.isnan(interval) else interval.hex(),
         **{name: f"ukf_scenario_{name}" for name in (*tables, "sampled")},
     }
     lines += [
@@ -161,8 +183,8 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     problem
         The problem with its data. Its inputs are numbers or vectors, if it has any. Measurements
         and masks are of all its sensors, in the order of their rows. Which numbers are angles is
-        known to the models in C. The interval of the scenario is the time of the first step; if
-        the intervals differ, the models need them as an input.
+        known to the models in C. The interval of the scenario is that of its steps, or NaN if they
+        are not at equal ones; then the models need it as an input.
     steps
         How many of its steps.
     output

@@ -139,7 +139,7 @@ def run_on_arm(
     return ArmOutcome(
         program=program,
         results=found,
-        mismatch=first_difference(found, golden_results(problem, steps)),
+        mismatch=first_difference(found, golden_results(problem, steps), done.stderr),
         words=server.words,
         seconds=seconds,
     )

@@ -76,8 +76,10 @@ def _check_models(core: Core, models: list[Path]) -> None:
             "the models of another one with --models FILE.c"
         )
     for file in models:
-        if file.suffix != ".c" or not file.is_file():
+        if file.suffix != ".c":
             raise ValueError(f"--models must be C files, which end with .c, not {str(file)!r}")
+        if not file.is_file():
+            raise ValueError(f"--models must be files that exist, not {str(file)!r}")
     if core.params.format not in (BINARY32, BINARY64):
         raise ValueError(
             "--format must be one that C has, binary32 or binary64, not "

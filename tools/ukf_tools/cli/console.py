@@ -90,7 +90,7 @@ def checked() -> Iterator[None]:
     try:
         yield
     except (ValueError, TypeError) as error:
-        fail(str(error))
+        fail("\n".join([str(error), *getattr(error, "__notes__", [])]))
 
 
 def print_json(record: Any) -> None:

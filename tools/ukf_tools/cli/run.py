@@ -96,12 +96,12 @@ def run(
                 try:
                     with checked():
                         computer = make_backend(name, core.params, core.pipeline)
-                    made.append(
-                        run_filter(
-                            problem, computer, ends_at=(StepError,), every=200,
-                            progress=partial(tell, what),
-                        )
-                    )  # fmt: skip
+                        made.append(
+                            run_filter(
+                                problem, computer, ends_at=(StepError,), every=200,
+                                progress=partial(tell, what),
+                            )
+                        )  # fmt: skip
                 except UkfError as error:
                     fail(str(error), 1)
     own = found[backend]

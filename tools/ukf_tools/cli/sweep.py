@@ -1,5 +1,6 @@
 """Commands about many cores: ``ukf sweep``, ``ukf report``."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +9,6 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from rich.table import Table
 
 from ukf_sw.extras import require
-from ukf_sw.problems.finding import is_own
 from ukf_sw.problems.recipe import Recipe
 from ukf_tools.cli.console import (
     JsonOption,
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = ["report", "sweep"]
 
+#: Steps of a run that accuracy is judged on, if there are as many.
+STEPS = 2000
 #: Panels of the help.
 ASK, RUN = "What to find out", "Where to compute"
 
@@ -56,7 +58,12 @@ def sweep(
             rich_help_panel=ASK,
         ),
     ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Its steps.", rich_help_panel=DATA)] = 2000,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help=f"Its steps; {STEPS}, or all if it has fewer.", rich_help_panel=DATA
+        ),
+    ] = None,
     seed: SeedOption = 0,
     data: LogOption = None,
     ignore: IgnoreOption = None,
@@ -110,16 +117,16 @@ def sweep(
         questions = Questions(
             resources=resources,
             application=accuracy,
-            steps=steps,
             seed=seed,
             logs=log_files(data, ignore),
             conditions=Conditions(clock_mhz=clock_mhz, word_clocks=bus_latency),
         )
         if accuracy is not None and not any(_judges(questions, point) for point in points):
             raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
-        if accuracy is not None and (data or is_own(accuracy)):
-            # What is wrong with data of one's own is said now, not in every row.
-            Recipe.of(accuracy, seed=seed, logs=questions.logs).scenario(steps)
+        if accuracy is not None:
+            # What is wrong with the data is said now, not in every row.
+            made = Recipe.of(accuracy, seed=seed, logs=questions.logs).scenario(steps)
+            questions = replace(questions, steps=steps or min(STEPS, made.steps))
     _tell_illegal(points)
     try:
         with checked():
