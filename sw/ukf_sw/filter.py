@@ -463,7 +463,7 @@ class UnscentedKalmanFilter:
             Which observations were sampled, an array of bool, shape (m,); z may be NaN in the
             others. None is :attr:`mask`. If it is all False, nothing was sampled.
         sensor
-            Name of the sensor; None is the only one.
+            Name of the sensor; None is the only one, or that nothing was sampled.
         arguments
             Keyword arguments of h.
 
@@ -480,6 +480,8 @@ class UnscentedKalmanFilter:
         UkfError
             If a step fails.
         """
+        if z is None and sensor is None:
+            return False
         number = self._problem.number_of(sensor)
         rows, terms = self._params.rows_of(number), self._problem.terms_of(number)
         used = self._mask[rows.start : rows.stop]

@@ -402,6 +402,13 @@ def test_the_first_steps_of_data():
             whole.with_data(steps=steps)
 
 
+def test_nothing_sampled_is_of_no_sensor():
+    ukf = UnscentedKalmanFilter(make())
+    assert ukf.update(None) is ukf.update(None, sensor="gps") is False
+    with pytest.raises(ValueError, match=r"^sensor must be one of gps, compass, not 'sonar'$"):
+        ukf.update(None, sensor="sonar")
+
+
 def test_errors_are_differences_and_of_angles_within_half_a_turn():
     truth = np.array([[1.0, 3.0, 0.0]] * 4)
     made = make(data=data(truth=truth), state_angles=(1,))

@@ -218,6 +218,11 @@ def _print_cosim(
         table.add_row(with_sensor(name, core.problem), *row)
     table.add_row("total", str(cycles["total"]), str(cycles["predicted_total"]), style="bold")
     results.print(table)
+    if cycles["steps"].get("SIG_GEN", 0) > cycles["predicted"]["SIG_GEN"]:
+        results.print(
+            "SIG_GEN beyond the schedule of an iteration: nothing had been sampled after the "
+            "predict before, so this one had to draw new sigma points first"
+        )
     if found.iterations:
         traffic = found.traffic
         results.print(

@@ -58,8 +58,9 @@ def latency(core: Core, as_json: JsonOption = False) -> None:
         else "Nothing is drawn between PREDICT and UPDATE."
     )
     results.print(
-        f"{drawn} An UPDATE leaves the next sigma points. Below the total: each program from start "
-        "to end; UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
+        f"{drawn} An UPDATE leaves the next sigma points; a PREDICT after a PREDICT draws them "
+        "first, by SIG_GEN_PREDICTED. Below the total: each program from start to end; "
+        "UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
         soft_wrap=True,
     )
 
