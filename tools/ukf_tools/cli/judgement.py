@@ -42,9 +42,8 @@ def print_judgement(judged: Judgement) -> None:
         for column in table.columns[1:]:
             column.justify = "right"
         for sensor in judged.sensors:
-            table.add_row(
-                sensor.name, str(sensor.updates), f"{sensor.nis:.2f}", f"{sensor.rows:.4g}"
-            )
+            nis = f"{sensor.nis:.2f}" if sensor.nis < 1e6 else number(sensor.nis)
+            table.add_row(sensor.name, str(sensor.updates), nis, f"{sensor.rows:.4g}")
         results.print(table)
     if judged.largest_difference_of_x is not None:
         ratio = "" if judged.rms_ratio is None else f"ratio of rms {number(judged.rms_ratio)}; "
