@@ -239,7 +239,7 @@ def test_a_column_dt_does_not_count_time_twice(heading):
     column[0] = 0.5 * column[1]
     assert read_log(PROBLEM, logs).inputs[0, 0] == pytest.approx(0.005)
     np.testing.assert_array_equal(read_log(PROBLEM, logs).inputs[1:], data.inputs[1:])
-    assert read_log(PROBLEM, logs, start=-0.005).inputs[0, 0] == 0.005
+    assert read_log(PROBLEM, logs, start=-1.0).inputs[0, 0] == 1.0
     # Where the log begins later than others its first dt is not that of the first step.
     logs["gps"]["time"] = logs["gps"]["time"] - 0.1
     logs["start"] = {"time": [-0.2], "push": [0.0]}
@@ -248,27 +248,26 @@ def test_a_column_dt_does_not_count_time_twice(heading):
 
 
 @pytest.mark.parametrize(
-    ("row", "value", "start", "message"),
+    ("row", "value", "message"),
     [
-        (5, -10.0, None, "be the time since the row before, 0.01 s, not -10 s in row 5 of "),
-        (5, 10.0, None, "be the time since the row before, 0.01 s, not 10 s in row 5 of "),
-        (5, 0.011, None, "be the time since the row before, 0.01 s, not 0.011 s in row 5 of "),
-        (0, 5.0, None, "be between 0 and 0.0105 s, as there is between rows, not 5 s in row 0 of "),
-        (0, -0.01, None, "be between 0 and 0.0105 s, as there is between rows, not -0.01 s in "),
-        (0, 0.01, -1.0, "be the time since start, 1 s, not 0.01 s in row 0 of the columns imu"),
+        (5, -10.0, "be the time since the row before, 0.01 s, not -10 s in row 5 of "),
+        (5, 10.0, "be the time since the row before, 0.01 s, not 10 s in row 5 of "),
+        (5, 0.011, "be the time since the row before, 0.01 s, not 0.011 s in row 5 of "),
+        (0, 5.0, "be between 0 and 0.0105 s, as there is between rows, not 5 s in row 0 of "),
+        (0, -0.01, "be between 0 and 0.0105 s, as there is between rows, not -0.01 s in "),
     ],
 )
-def test_a_column_dt_that_contradicts_the_times_is_refused(row, value, start, message):
+def test_a_column_dt_that_contradicts_the_times_is_refused(row, value, message):
     logs = three_logs()
     logs["imu"]["dt"] = np.full(600, 0.01)
     logs["imu"]["dt"][100] = np.nan
     assert read_log(PROBLEM, logs).steps == 750
     logs["imu"]["dt"][row] = value
     with pytest.raises(LogError) as error:
-        read_log(PROBLEM, logs, start=start)
+        read_log(PROBLEM, logs)
     assert str(error.value).startswith(f"dt must {message}")
     assert str(error.value).endswith("can be left out: ignore='dt', or --ignore dt")
-    assert read_log(PROBLEM, logs, start=start, ignore="dt").steps == 750
+    assert read_log(PROBLEM, logs, ignore="dt").steps == 750
 
 
 def test_dt_is_in_the_unit_of_the_problem():

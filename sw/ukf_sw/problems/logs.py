@@ -316,7 +316,7 @@ def _check_radians(table: Table, column: str) -> None:
 def _since(problem: Problem, steps: Steps, clocks: list[_Place], start: float | None) -> Array:
     """Time of each step since the one before, shape (K,), in seconds; columns dt are compared.
 
-    The first is that since `start`; or what a column dt has for it.
+    The first is that since `start`; without one, what a column dt has for it.
     """
     since = np.diff(steps.times, prepend=steps.times[0])
     if start is not None:
@@ -326,38 +326,33 @@ def _since(problem: Problem, steps: Steps, clocks: list[_Place], start: float | 
         table = steps.tables[number]
         unit = table.units[column] or given
         dt = table.columns[column] * factor(unit, "s", f"{column} of {table.name}")
-        begins = steps.places[number][0] == 0
-        _check_dt(table, dt, float(since[0]) if begins and start is not None else None)
-        if begins and start is None and np.isfinite(dt[0]):
+        _check_dt(table, dt)
+        if start is None and steps.places[number][0] == 0 and np.isfinite(dt[0]):
             since[0] = dt[0]
     return since
 
 
-def _check_dt(table: Table, dt: Array, first: float | None) -> None:
+def _check_dt(table: Table, dt: Array) -> None:
     """Compare a column dt, in seconds, with the time since the row before.
 
-    What is before the first row is not known, unless it is said. So its dt may be 0, or what is
-    between other rows.
+    What was before the first row is not known, so its dt may be anything from 0 to the longest time
+    between rows.
     """
     between = np.diff(table.times)
-    wanted = np.append(first if first is not None and dt[0] != 0.0 else np.nan, between)
-    allowed = np.maximum(_DT_DIFFERS * wanted, np.minimum(table.resolution, _DT_ROUNDED * wanted))
-    wrong = np.flatnonzero(np.abs(dt - wanted) > allowed)
+    allowed = np.maximum(_DT_DIFFERS * between, np.minimum(table.resolution, _DT_ROUNDED * between))
+    wrong = np.flatnonzero(np.abs(dt[1:] - between) > allowed) + 1
     longest = float(between.max()) * (1.0 + _DT_DIFFERS) if len(between) else np.inf
-    rule = ""
-    if len(wrong):
-        rule = f"be the time since the row before, {float(wanted[wrong[0]]):.6g} s"
-        if wrong[0] == 0:
-            rule = f"be the time since start, {first:.6g} s"
-    elif not np.isnan(dt[0]) and not 0.0 <= dt[0] <= longest:
-        wrong = np.array([0])
-        rule = f"be between 0 and {longest:.6g} s, as there is between rows"
-    if rule:
+    if dt[0] < 0.0 or dt[0] > longest:
+        row, rule = 0, f"between 0 and {longest:.6g} s, as there is between rows"
+    elif len(wrong):
         row = int(wrong[0])
-        raise LogError(
-            f"{DT} must {rule}, not {float(dt[row]):.6g} s in {table.row(row)}; it follows from "
-            f"the times, so the column can be left out: ignore='{DT}', or --ignore {DT}"
-        )
+        rule = f"the time since the row before, {float(between[row - 1]):.6g} s"
+    else:
+        return
+    raise LogError(
+        f"{DT} must be {rule}, not {float(dt[row]):.6g} s in {table.row(row)}; it follows from the "
+        f"times, so the column can be left out: ignore='{DT}', or --ignore {DT}"
+    )
 
 
 def _inputs(
