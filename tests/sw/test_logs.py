@@ -322,6 +322,10 @@ def test_times_that_differ_by_more_are_steps_of_their_own(offset):
     logs["odometer"]["time"] = np.round(0.04 * np.arange(1, 150) + offset, 6)
     logs["odometer"]["v"] = np.ones(149)
     assert read_log(PROBLEM, logs).steps == 600 + 149
+    # Not even if a time of the others could be rounded from it, to the decimals that they have.
+    for columns in (logs["imu"], logs["gps"], logs["level"]):
+        columns["time"] = np.round(columns["time"], 2)
+    assert read_log(PROBLEM, logs).steps == 600 + 149
     # A log with rows that are near each other keeps them.
     logs["gps"] = {"time": [0.0, 1.0, 1.0 + 1e-7, 2.0], "x": np.zeros(4), "v": np.zeros(4)}
     assert read_log(PROBLEM, logs).steps == 600 + 149 + 1

@@ -122,7 +122,7 @@ def _near(table: Table, shortest: float) -> float:
     """How far a time of a log may be from an instant, in seconds, by rounding."""
     if not math.isfinite(shortest):  # no log has two rows
         return 2.0 * float(np.spacing(np.abs(table.times).max()))
-    return 0.5 * min(max(table.resolution, _INSTANT * shortest), _JITTER * shortest)
+    return 0.5 * max(table.resolution, _INSTANT * shortest)
 
 
 def check_overlap(tables: list[Table]) -> None:
