@@ -7,6 +7,7 @@ import csv
 import io
 import math
 import re
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -322,9 +323,11 @@ def _from_arrays(source: Columns, wanted: Iterable[str], name: str) -> dict[str,
     for heading in wanted:
         values = cast("Any", source[heading])
         try:
-            array = cast("Any", np.ma.asarray(values))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # older NumPy makes objects of unequal rows
+                array = cast("Any", np.ma.asarray(values))
         except ValueError:
-            array = cast("Any", np.ma.asarray(None))  # rows of several lengths
+            array = cast("Any", np.ma.asarray(None))
         if array.dtype.kind not in "fiub" or array.ndim != 1:
             raise LogError(f"{heading} of {name} must be a row of numbers, not {shown(values)}")
         found[heading] = np.ma.filled(array.astype(np.float64), np.nan)

@@ -13,8 +13,10 @@ columns have to be named as ignored, so that no sensor is left out by a slip of 
 
 Every time in any of the logs is a step: a predict to that time, with the newest inputs by then, and
 an update with each sensor that has a sample at it. Gaps, empty cells and NaN were not sampled.
-Times that differ by no more than rounding are of one step; :func:`ukf_sw.problems.log_times.merge`
-has the rule.
+Times of several logs that differ only by rounding are of one step: by no more than half of the last
+decimal place that the times of each log have (or of the spacing of binary32, if they are such
+numbers), or by 1e-6 of the shortest interval between two rows of any log, but never if by more than
+0.01 of that interval. Two rows of one log are always two steps.
 
 If the problem has an input ``dt``, it is the time since the step before, always. A column ``dt`` is
 compared with the times of its own log, and used for the first step only: where nothing else says
