@@ -52,6 +52,13 @@ def _parser() -> argparse.ArgumentParser:
         "--data", action="append", metavar="FILE",
         help="log in the place of the problem's data, CSV; several as gps=gps.csv",
     )  # fmt: skip
+    parser.add_argument(
+        "--ignore", action="append", default=[], metavar="COLUMN", help="column of it to leave out"
+    )
+    parser.add_argument(
+        "--start", type=float, metavar="SECONDS",
+        help="time of it that the first estimate belongs to; what is before it is left out",
+    )  # fmt: skip
     parser.add_argument("--pes", type=int, help="of a model, by default the problem's; a core "
                         "says its own")  # fmt: skip
     parser.add_argument("--steps", type=int, default=100)
@@ -153,7 +160,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.save is not None:
             check_file("--save", options.save, (".npz",))
         saved = None if options.compare is None else _load(options.compare)
-        logs = None if options.data is None else LogFiles.of(options.data)
+        logs = None
+        if options.data is not None:
+            logs = LogFiles.of(options.data, options.ignore, options.start)
+        elif options.ignore or options.start is not None:
+            raise ValueError("--ignore and --start must come with --data, of which they are")
         chosen = {} if options.pes is None else {"pes": options.pes}
         recipe = Recipe.of(options.problem, seed=options.seed, logs=logs, **chosen)
         problem = recipe.scenario(options.steps)

@@ -123,6 +123,28 @@ MUTANTS = [
         "tests/sw/test_logs.py",
     ),
     Mutant(
+        "logs: a column dt may contradict the times", "sw/ukf_sw/problems/logs.py",
+        "np.flatnonzero(np.abs(dt[1:] - between) > allowed) + 1", "np.flatnonzero(between < 0.0)",
+        "tests/sw/test_logs.py -k dt",
+    ),
+    Mutant(
+        "logs: times that differ by rounding are two steps", "sw/ukf_sw/problems/log_times.py",
+        "time - last <= reach + own", "time - last <= 0.0",
+        "tests/sw/test_logs.py -k rounding",
+    ),
+    Mutant(
+        "logs: times that differ by more are one step", "sw/ukf_sw/problems/log_times.py",
+        "time - first <= _JITTER * shortest", "time - first <= 0.5 * shortest",
+        "tests/sw/test_logs.py -k by_more",
+    ),
+    Mutant(
+        "logs: columns that are ignored are read", "sw/ukf_sw/problems/log_tables.py",
+        "numbers.append([_number(cells[k], headings[k], row, name) for k in indices])",
+        "whole = [_number(c, h, row, name) for c, h in zip(cells, headings)]\n"
+        "        numbers.append([whole[k] for k in indices])",
+        "tests/sw/test_logs.py -k ignored",
+    ),
+    Mutant(
         "sensors: the update of another one is started", "hdl/ukf_hdl/core/control.py",
         "self.run.sensor.eq(Mux(way.step == Step.UPDATE, sensor, 0))", "self.run.sensor.eq(0)",
         f"{CONTROL} -k sensors",

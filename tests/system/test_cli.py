@@ -290,6 +290,70 @@ def test_run_takes_any_system_of_the_catalogue(ukf, tmp_path):
     assert record["runs"][0]["last_estimate"] != other["runs"][0]["last_estimate"]
 
 
+LOGGED = """
+import numpy as np
+from ukf_sw.problem import Problem, Sensor
+
+problem = Problem(
+    name="cart", f=lambda x, w, u: np.array([x[0] + u[0] * x[1], x[1] + u[0] * u[1]]),
+    inputs={"dt": "s", "push": "m/s^2"}, x0=[0.0, 0.0], P0=np.eye(2),
+    sensors={
+        "gps": Sensor(lambda x, v: x[:1] + v, R=[[4.0]], observations=["place"]),
+        "odometer": Sensor(lambda x, v: x[1:] + v, R=[[1.0]], observations=["speed"]),
+    },
+)
+"""
+
+
+@pytest.fixture
+def logged(tmp_path):
+    """Options of a problem with data of two files: the inputs begin a second after the rest."""
+    (tmp_path / "logged_cart.py").write_text(LOGGED)
+    rows = "".join(f"{0.1 * k:.1f},{0.01 * k},no,0.1\n" for k in range(10, 20))
+    (tmp_path / "imu.csv").write_text(f"time,push,state,dt\n{rows}")
+    rows = "".join(f"{0.1 * k:.1f},1,2\n" for k in range(20))
+    (tmp_path / "rest.csv").write_text(f"time,place,speed\n{rows}")
+    data = ("--data", "imu=imu.csv", "--data", "rest=rest.csv", "--ignore", "state")
+    return "run", "--problem", "logged_cart:problem", "--backend", "reference", *data
+
+
+def test_data_from_a_start_on(logged, ukf):
+    message = (
+        "push must be there from the first time on, 0.0 s, not only later in imu.csv, from 1.0"
+    )
+    told = ukf(*logged, code=2).stderr
+    assert message in told
+    assert "--start 1.0, leaves out what is before" in told
+    record = json.loads(ukf(*logged, "--start", "1.0", "--json").stdout)
+    assert record["runs"][0]["steps"] == 10
+    for start, message in (
+        ("nan", "a finite time in seconds"),
+        ("9", "at most 1.9 s, the last ti"),
+    ):
+        assert f"--start must be {message}" in ukf(*logged, "--start", start, code=2).stderr
+    nothing = ukf("run", "--problem", "nanosat", "--start", "1", code=2)
+    assert "--start must come with --data" in nothing.stderr
+    unknown = ukf(*logged, "--ignore", "none", code=2)
+    assert "--ignore must name columns of the logs, time, push, state, dt, place" in unknown.stderr
+
+
+def test_data_that_do_not_overlap_are_told_to_the_user(logged, ukf, tmp_path):
+    rows = "".join(f"{1.7e9 + k:.1f},1,2\n" for k in range(20))
+    (tmp_path / "rest.csv").write_text(f"time,place,speed\n{rows}")
+    done = ukf(*logged, "--json")
+    assert json.loads(done.stdout)["runs"][0]["steps"] == 30
+    assert done.stderr.count("Warning: logs should overlap in time, and these do not: imu.csv") == 1
+
+
+def test_data_whose_dt_contradicts_the_times_are_refused(logged, ukf, tmp_path):
+    text = (tmp_path / "imu.csv").read_text()
+    (tmp_path / "imu.csv").write_text(text.replace("0.15,no,0.1", "0.15,no,100"))
+    told = ukf(*logged, "--start", "1.0", code=2).stderr
+    assert "dt must be the time since the row before, 0.1 s, not 100 s in row 7 of imu.csv" in told
+    assert "--ignore dt" in told
+    ukf(*logged, "--start", "1.0", "--ignore", "dt")
+
+
 def test_seed_changes_the_data(ukf):
     runs = [
         json.loads(ukf("run", *TINY, "--steps", 5, "--seed", seed, "--json").stdout)["runs"][0]

@@ -12,76 +12,54 @@ inputs, or ``truth.`` and a state; where a name is not enough, ``gps.x``. A unit
 columns have to be named as ignored, so that no sensor is left out by a slip of the pen.
 
 Every time in any of the logs is a step: a predict to that time, with the newest inputs by then, and
-an update with each sensor that has a sample at it. Gaps, empty cells and NaN were not sampled. If
-the problem has an input ``dt``, it is the time since the step before.
+an update with each sensor that has a sample at it. Gaps, empty cells and NaN were not sampled.
+Times of several logs that differ only by rounding are of one step: by no more than half of the last
+decimal place that the times of each log have (or of the spacing of binary32, if they are such
+numbers), or by 1e-6 of the shortest interval between two rows of any log, but never if by more than
+0.01 of that interval. Two rows of one log are always two steps.
+
+If the problem has an input ``dt``, it is the time since the step before, always. A column ``dt`` is
+compared with the times of its own log, and used for the first step only: where nothing else says
+when the first estimate was.
 """
 
-import csv
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from os import PathLike
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ukf_sw.extras import importing
 from ukf_sw.problem import Data, Problem
+from ukf_sw.problems.log_tables import TIME, LogError, Source, Table, factor, read_tables
+from ukf_sw.problems.log_times import LogWarning, Steps, check_equidistant, check_overlap, merge
+from ukf_sw.spec.fields import as_number
 
-__all__ = ["LogError", "LogFiles", "read_log"]
+__all__ = ["LogError", "LogFiles", "LogWarning", "read_log"]
 
 Array = NDArray[np.float64]
-Columns = Mapping[str, ArrayLike]
-Source = str | PathLike[str] | Columns
 
-TIME, DT, TRUTH = "time", "dt", "truth"
+DT, TRUTH = "dt", "truth"
 
-#: Factors from a unit of a log to one of a problem.
-_DEGREE = math.pi / 180.0
-_FACTORS = {
-    ("deg", "rad"): _DEGREE, ("degrees", "rad"): _DEGREE, ("°", "rad"): _DEGREE,
-    ("deg/s", "rad/s"): _DEGREE, ("degrees/s", "rad/s"): _DEGREE, ("°/s", "rad/s"): _DEGREE,
-    ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("ns", "s"): 1e-9,
-    ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("km", "m"): 1e3, ("km/h", "m/s"): 1.0 / 3.6,
-    ("hPa", "Pa"): 1e2, ("mbar", "Pa"): 1e2, ("mV", "V"): 1e-3, ("mA", "A"): 1e-3,
-}  # fmt: skip
+#: Part of an interval that a dt may differ by: clocks are read. What is meant otherwise, as another
+#: unit, a nominal rate or a row that is missing, differs by more.
+_DT_DIFFERS = 0.05
 
-#: Intervals of a problem without an input dt may differ by this part: clocks are read, too.
-_JITTER = 0.01
+#: Part of an interval that times which are rounded may excuse in a dt.
+_DT_ROUNDED = 0.25
 
 
-class LogError(ValueError):
-    """A log that does not fit; the message names it, and row and column where there are any."""
+class _Meaning(NamedTuple):
+    """What a column is: its unit in the problem, and whether it is an angle, in radians."""
+
+    unit: str
+    is_angle: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Table:
-    """A log: columns of equal length, with a name and numbers of rows for messages.
-
-    Parameters
-    ----------
-    label
-        What it was called among several, or "".
-    name
-        File or label.
-    columns, units
-        Numbers, and units that were given, by name.
-    first_row
-        Number of the first row of data: of a file the line behind the header.
-    """
-
-    label: str
-    name: str
-    columns: dict[str, Array]
-    units: dict[str, str]
-    first_row: int
-
-    def row(self, index: int) -> str:
-        """Name a row of data."""
-        return f"row {self.first_row + index} of {self.name}"
+#: Number of a log, and name of a column of it.
+_Place = tuple[int, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,15 +70,18 @@ class LogFiles:
     ----------
     files
         Names and files; a single one needs no name, "".
-    ignore
-        Columns to leave out.
+    ignore, start
+        As of that.
     """
 
     files: tuple[tuple[str, Path], ...]
     ignore: tuple[str, ...] = ()
+    start: float | None = None
 
     @classmethod
-    def of(cls, texts: Iterable[str], ignore: Iterable[str] = ()) -> "LogFiles":
+    def of(
+        cls, texts: Iterable[str], ignore: Iterable[str] | str = (), start: float | None = None
+    ) -> "LogFiles":
         """Make them of texts such as ``flight.csv``, or ``gps=gps.csv`` for each of several.
 
         Raises
@@ -119,19 +100,20 @@ class LogFiles:
             raise LogError(
                 f"data must have a name for each file, as gps=gps.csv, not only {files['']}"
             )
-        return cls(files=tuple(files.items()), ignore=tuple(ignore))
+        names = (ignore,) if isinstance(ignore, str) else tuple(ignore)
+        return cls(files=tuple(files.items()), ignore=names, start=start)
 
     def read(self, problem: Problem) -> Data:
         """Read them for a problem; raises as :func:`read_log`."""
         files = dict(self.files)
-        return read_log(problem, files.get("", files), ignore=self.ignore)
+        return read_log(problem, files.get("", files), ignore=self.ignore, start=self.start)
 
 
 def read_log(
     problem: Problem,
     source: Source | Mapping[str, Source],
     *,
-    ignore: Iterable[str] = (),
+    ignore: Iterable[str] | str = (),
     start: float | None = None,
 ) -> Data:
     """Read recorded data for a problem.
@@ -144,10 +126,11 @@ def read_log(
         A CSV or Parquet file; or columns by name, as arrays; or several of these by name, each with
         times of its own. In one that is called like a sensor, its columns need no prefix.
     ignore
-        Columns to leave out.
+        Columns to leave out: a name, or several. They may have anything in them.
     start
-        Time that the first estimate belongs to, in seconds: the first dt begins there. None is the
-        first time in the log.
+        Time that the first estimate belongs to, in seconds: the first dt begins there, and rows
+        before it are no steps; the newest inputs among them are known. None is the first time in
+        the logs, or a dt before it if there is one.
 
     Returns
     -------
@@ -158,169 +141,43 @@ def read_log(
     ------
     LogError
         If a log does not fit.
+    TypeError
+        If something is of the wrong kind.
     OSError
         If a file cannot be read.
     MissingExtraError
         If it is a Parquet file, and the extra ``sweep`` is not installed.
+
+    Warns
+    -----
+    LogWarning
+        If logs do not overlap in time.
     """
-    tables = [_scaled(problem, table) for table in _tables(source, ignore)]
-    places = _find_columns(problem, tables)
-    times, first_rows = _merged_times(tables)
-    if start is not None and start > times[0]:
-        first = float(times[0])
-        raise LogError(f"start must be at most {first!r} s, the first time, not {start!r}")
-
-    def column(key: str) -> Array:
-        """A column at the times of the steps, NaN where its log has no row."""
-        table, name = places[key]
-        whole = np.full(len(times), np.nan)
-        whole[np.searchsorted(times, table.columns[TIME])] = table.columns[name]
-        return whole
-
-    measurements = {
-        sensor: np.column_stack([column(key) for key in keys])
-        for sensor, keys in _observations(problem).items()
-    }
-    intervals = np.diff(times, prepend=times[0] if start is None else start)
+    if start is not None:
+        start = as_number("start", start)
+        if not np.isfinite(start):
+            raise LogError(f"start must be a finite time in seconds, not {start!r}")
+    meanings = _meanings(problem)
+    known = {TIME, *meanings, *(key.partition(".")[2] for key in _all_observations(problem))}
+    left_out = [ignore] if isinstance(ignore, str) else ignore
+    tables = read_tables(source, left_out, known)
+    places, clocks = _find_columns(problem, meanings, tables)
+    tables = _scaled(meanings, tables, places)
+    check_overlap(tables)
+    steps = merge(tables, start)
+    since = _since(problem, steps, clocks, start)
     if DT not in problem.inputs:
-        _check_equidistant(intervals[1:], first_rows)
-    truth = [key for key in (f"{TRUTH}.{state}" for state in problem.states) if key in places]
+        check_equidistant(steps, DT)
+    truth = [key for key in _truth(problem) if key in places]
     return Data(
-        times=times,
-        measurements=measurements,
-        inputs=_inputs(problem, times, intervals, places),
-        truth=np.column_stack([column(key) for key in truth]) if truth else None,
+        times=steps.times,
+        measurements={
+            sensor: np.column_stack([steps.column(*places[key]) for key in keys])
+            for sensor, keys in _observations(problem).items()
+        },
+        inputs=_inputs(problem, steps, since, places),
+        truth=np.column_stack([steps.column(*places[key]) for key in truth]) if truth else None,
     )
-
-
-# Reading.
-
-
-def _tables(source: Source | Mapping[str, Source], ignore: Iterable[str]) -> Iterator[_Table]:
-    """Read all logs."""
-    left_out = set(ignore)
-    if isinstance(source, Mapping) and not any(_split(str(name))[0] == TIME for name in source):
-        logs = {str(label): cast("Source", each) for label, each in source.items()}
-    else:
-        logs = {"": cast("Source", source)}
-    if not logs:
-        raise LogError("data must be a file, columns or several of these, not nothing")
-    for label, each in logs.items():
-        yield _table(label, each, left_out)
-
-
-def _split(heading: str) -> tuple[str, str]:
-    """Name and unit of a heading such as ``heading [deg]``."""
-    found = re.fullmatch(r"\s*(.*?)\s*(?:\[(.*?)\]|\((.*?)\))?\s*", heading)
-    assert found is not None
-    return found[1], (found[2] or found[3] or "").strip()
-
-
-def _table(label: str, source: Source, ignore: set[str]) -> _Table:
-    """Read a log and check its times."""
-    if isinstance(source, Mapping):
-        name, first_row = f"the columns {label}" if label else "the columns", 0
-        raw = _from_arrays(source, name)
-    else:
-        path = Path(source)
-        name, first_row = path.name, 2
-        raw = _from_parquet(path) if path.suffix == ".parquet" else _from_csv(path)
-    columns: dict[str, Array] = {}
-    units: dict[str, str] = {}
-    for heading, numbers in raw.items():
-        own, unit = _split(heading)
-        if own in ignore or heading in ignore:
-            continue
-        if own in columns:
-            raise LogError(f"{name} must have one column {own}, not several")
-        columns[own], units[own] = numbers, unit
-    if TIME not in columns:
-        raise LogError(f"{name} must have a column {TIME}, not only {', '.join(columns)}")
-    if units[TIME] not in ("", "s"):
-        columns[TIME] = columns[TIME] * _factor(units[TIME], "s", f"{TIME} of {name}")
-    table = _Table(label=label, name=name, columns=columns, units=units, first_row=first_row)
-    times = columns[TIME]
-    if not len(times):
-        raise LogError(f"{name} must have a row, not none")
-    if not np.isfinite(times).all():
-        row = int(np.flatnonzero(~np.isfinite(times))[0])
-        raise LogError(f"{TIME} must be a number, not {float(times[row])!r} in {table.row(row)}")
-    falls = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(falls):
-        row = int(falls[0]) + 1
-        raise LogError(
-            f"{TIME} must rise, not from {float(times[row - 1])!r} to {float(times[row])!r} s in "
-            f"{table.row(row)}"
-        )
-    return table
-
-
-def _from_arrays(source: Columns, name: str) -> dict[str, Array]:
-    """Columns that are given as arrays; what is masked in one is missing."""
-    found: dict[str, Array] = {}
-    for heading, values in source.items():
-        array = np.ma.asarray(cast("Any", values))
-        if array.dtype.kind not in "fiub" or array.ndim != 1:
-            raise LogError(f"{heading} of {name} must be a row of numbers, not {values!r}")
-        found[heading] = np.ma.filled(array.astype(np.float64), np.nan)
-    lengths = {heading: len(array) for heading, array in found.items()}
-    if len(set(lengths.values())) > 1:
-        raise LogError(f"{name} must have one length, not {lengths!r}")
-    return found
-
-
-def _from_csv(path: Path) -> dict[str, Array]:
-    """Columns of a text file with a line of headings; comma, semicolon or tab between."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        first = file.readline()
-        separator = max(",;\t", key=first.count)
-        headings = [
-            heading.strip() for row in csv.reader([first], delimiter=separator) for heading in row
-        ]
-        if not any(headings):
-            raise LogError(f"{path.name} must begin with a line of headings, not {first!r}")
-        rows: list[list[float]] = []
-        for number, cells in enumerate(csv.reader(file, delimiter=separator), start=2):
-            if not cells:
-                continue
-            if len(cells) != len(headings):
-                raise LogError(
-                    f"row {number} of {path.name} must have {len(headings)} cells, not {len(cells)}"
-                )
-            rows.append([
-                _number(cell, heading, number, path)
-                for cell, heading in zip(cells, headings, strict=True)
-            ])  # fmt: skip
-    if len(set(headings)) < len(headings):
-        raise LogError(f"{path.name} must have different headings, not {', '.join(headings)}")
-    numbers = np.array(rows, dtype=np.float64).reshape(-1, len(headings))
-    return {heading: numbers[:, k] for k, heading in enumerate(headings)}
-
-
-def _number(cell: str, heading: str, row: int, path: Path) -> float:
-    """Read a cell; an empty one is missing."""
-    if not cell.strip():
-        return math.nan
-    try:
-        return float(cell)
-    except ValueError:
-        raise LogError(
-            f"{heading} must be a number or empty, not {cell!r} in row {row} of {path.name}"
-        ) from None
-
-
-def _from_parquet(path: Path) -> dict[str, Array]:
-    """Columns of a Parquet file."""
-    with importing("sweep"):
-        import polars
-    frame = polars.read_parquet(path)
-    found: dict[str, Array] = {}
-    for heading in frame.columns:
-        series = frame[heading]
-        if not series.dtype.is_numeric():
-            raise LogError(f"{heading} of {path.name} must be numbers, not {series.dtype}")
-        found[heading] = series.cast(polars.Float64).fill_null(math.nan).to_numpy()
-    return found
 
 
 # What the columns are.
@@ -334,99 +191,116 @@ def _observations(problem: Problem) -> dict[str, list[str]]:
     }
 
 
-def _keys(problem: Problem) -> dict[str, str]:
-    """What a log may have, with units: observations, inputs and true states."""
-    keys: dict[str, str] = {}
-    for sensor in problem.sensor_names:
-        units = cast("Mapping[str, str]", problem.sensor(sensor).observations)
-        keys |= {f"{sensor}.{name}": unit for name, unit in units.items()}
-    keys |= cast("Mapping[str, str]", problem.inputs)
+def _all_observations(problem: Problem) -> list[str]:
+    """Keys of the observations of all sensors."""
+    return [key for keys in _observations(problem).values() for key in keys]
+
+
+def _truth(problem: Problem) -> list[str]:
+    """Keys of the true states."""
+    return [f"{TRUTH}.{name}" for name in problem.states or _numbered(problem)]
+
+
+def _numbered(problem: Problem) -> list[str]:
+    """Names of states that were given none."""
+    return [f"x[{i}]" for i in range(len(problem.x0))]
+
+
+def _meanings(problem: Problem) -> dict[str, _Meaning]:
+    """What a log may have: observations, inputs and true states, by key."""
+    found: list[tuple[str, _Meaning, str]] = []
+    for sensor, keys in _observations(problem).items():
+        observed = problem.sensor(sensor)
+        units = cast("Mapping[str, str]", observed.observations).values()
+        found += [
+            (key, _Meaning(unit, row in observed.angles), f"an observation of {sensor}")
+            for row, (key, unit) in enumerate(zip(keys, units, strict=True))
+        ]
+    inputs = cast("Mapping[str, str]", problem.inputs)
+    found += [(name, _Meaning(unit), "an input") for name, unit in inputs.items()]
     states = cast("Mapping[str, str]", problem.states)
-    return keys | {f"{TRUTH}.{name}": unit for name, unit in states.items()}
+    units = list(states.values()) or [""] * len(problem.x0)
+    found += [
+        (key, _Meaning(unit, row in problem.state_angles), "a true state")
+        for row, (key, unit) in enumerate(zip(_truth(problem), units, strict=True))
+    ]
+    kinds = {TIME: "the time"}
+    for key, _, kind in found:
+        if key in kinds:
+            raise LogError(
+                f"{key} must be one thing in a log, and is {kinds[key]} and {kind}: give one of "
+                "them another name in the problem"
+            )
+        kinds[key] = kind
+    return {key: meaning for key, meaning, _ in found}
 
 
-def _key_of(problem: Problem, table: _Table, column: str) -> str | None:
-    """What a column of a log is; None if that is not known."""
-    keys = _keys(problem)
-    if table.label in problem.sensor_names and f"{table.label}.{column}" in keys:
+def _key_of(problem: Problem, known: Mapping[str, _Meaning], table: Table, column: str) -> str:
+    """What a column of a log is."""
+    if f"{table.label}.{column}" in known:
         return f"{table.label}.{column}"
-    if column in keys:
+    if column in known:
         return column
-    own = [
-        f"{sensor}.{column}" for sensor in problem.sensor_names
-        if column in problem.sensor(sensor).observations
-    ]  # fmt: skip
+    own = [key for key in _all_observations(problem) if key.partition(".")[2] == column]
     if len(own) > 1:
         raise LogError(f"{column} of {table.name} must say whose it is, as {' or '.join(own)}")
-    return own[0] if own else None
+    if not own:
+        raise LogError(
+            f"columns must be of {', '.join([TIME, *known])}, not {table.headings[column]!r} of "
+            f"{table.name}: name it in ignore if it is to be left out"
+        )
+    return own[0]
 
 
-def _find_columns(problem: Problem, tables: list[_Table]) -> dict[str, tuple[_Table, str]]:
-    """Where each of the keys is, and a check that all that is needed is there, once."""
-    places: dict[str, tuple[_Table, str]] = {}
-    for table in tables:
+def _find_columns(
+    problem: Problem, known: Mapping[str, _Meaning], tables: list[Table]
+) -> tuple[dict[str, _Place], list[_Place]]:
+    """Where each of the keys is, and columns dt; and a check that all that is needed is there."""
+    places: dict[str, _Place] = {}
+    clocks: list[_Place] = []
+    for number, table in enumerate(tables):
         for column in table.columns:
-            key = TIME if column == TIME else _key_of(problem, table, column)
-            if key is None:
-                known = ", ".join([TIME, *_keys(problem)])
+            if column == TIME:
+                continue
+            key = _key_of(problem, known, table, column)
+            if key == DT:
+                clocks.append((number, column))
+                continue
+            if key in places:
                 raise LogError(
-                    f"columns must be of {known}, not {column!r} of {table.name}: name it in "
-                    "ignore if it is to be left out"
+                    f"{key} must be in one log, not in {tables[places[key][0]].name} and "
+                    f"{table.name}"
                 )
-            if key in places and key != TIME:
-                raise LogError(
-                    f"{key} must be in one log, not in {places[key][0].name} and {table.name}"
-                )
-            places[key] = table, column
-    needed = [key for keys in _observations(problem).values() for key in keys]
+            places[key] = number, column
+    needed = _all_observations(problem)
     needed += [name for name in problem.inputs if name != DT]
-    truth = [f"{TRUTH}.{state}" for state in problem.states]
+    truth = _truth(problem)
     if any(key in places for key in truth):
         needed += truth
     missing = [key for key in needed if key not in places]
     if missing:
         names = ", ".join(table.name for table in tables)
         raise LogError(f"{', '.join(missing)} must be a column of {names}, and is not")
-    return places
+    return places, clocks
 
 
-def _factor(unit: str, wanted: str, what: str) -> float:
-    """Factor from a unit to another."""
-    if unit == wanted or not unit or not wanted:
-        return 1.0
-    if (unit, wanted) not in _FACTORS:
-        raise LogError(f"{what} must be in {wanted}, not in {unit}")
-    return _FACTORS[unit, wanted]
-
-
-def _scaled(problem: Problem, table: _Table) -> _Table:
-    """The same log in the units of the problem."""
-    units = _keys(problem)
-    columns = dict(table.columns)
-    for column in columns:
-        key = None if column == TIME else _key_of(problem, table, column)
-        if key is None:
-            continue
-        what = f"{column} of {table.name}"
-        columns[column] = columns[column] * _factor(table.units[column], units[key], what)
-        if _is_angle(problem, key) and not table.units[column]:
+def _scaled(
+    known: Mapping[str, _Meaning], tables: list[Table], places: Mapping[str, _Place]
+) -> list[Table]:
+    """The same logs in the units of the problem."""
+    columns = [dict(table.columns) for table in tables]
+    for key, (number, column) in places.items():
+        table, meaning = tables[number], known[key]
+        unit = table.units[column]
+        wanted = meaning.unit or ("rad" if meaning.is_angle else "")
+        scale = factor(unit, wanted, f"{column} of {table.name}")
+        columns[number][column] = table.columns[column] * scale
+        if meaning.is_angle and not unit:
             _check_radians(table, column)
-    return _Table(
-        label=table.label, name=table.name, columns=columns, units=table.units,
-        first_row=table.first_row,
-    )  # fmt: skip
+    return [replace(table, columns=own) for table, own in zip(tables, columns, strict=True)]
 
 
-def _is_angle(problem: Problem, key: str) -> bool:
-    """Whether it is an observation that is an angle."""
-    sensor, _, name = key.partition(".")
-    if sensor not in problem.sensor_names:
-        return False
-    observed = problem.sensor(sensor)
-    return list(observed.observations).index(name) in observed.angles
-
-
-def _check_radians(table: _Table, column: str) -> None:
+def _check_radians(table: Table, column: str) -> None:
     """Look for angles that are in degrees; those beyond a turn have to say that they are not."""
     beyond = np.flatnonzero(np.abs(table.columns[column]) > 2.0 * math.pi)
     if len(beyond):
@@ -438,52 +312,79 @@ def _check_radians(table: _Table, column: str) -> None:
         )
 
 
-# Steps.
+# What is held or follows from the times.
 
 
-def _merged_times(tables: list[_Table]) -> tuple[Array, list[tuple[float, str]]]:
-    """All times, rising, and for each the row that has it."""
-    rows: dict[float, str] = {}
-    for table in tables:
-        for index, time in enumerate(table.columns[TIME].tolist()):
-            rows.setdefault(time, table.row(index))
-    ordered = sorted(rows.items())
-    return np.array([time for time, _ in ordered]), ordered
+def _since(problem: Problem, steps: Steps, clocks: list[_Place], start: float | None) -> Array:
+    """Time of each step since the one before, shape (K,), in seconds; columns dt are compared.
+
+    The first is that since `start`; without one, what a column dt has for it.
+    """
+    since = np.diff(steps.times, prepend=steps.times[0])
+    if start is not None:
+        since[0] = max(float(steps.times[0]) - start, 0.0)
+    given = cast("Mapping[str, str]", problem.inputs).get(DT, "")
+    for number, column in clocks:
+        table = steps.tables[number]
+        unit = table.units[column] or given
+        dt = table.columns[column] * factor(unit, "s", f"{column} of {table.name}")
+        _check_dt(table, dt)
+        if start is None and steps.places[number][0] == 0 and np.isfinite(dt[0]):
+            since[0] = dt[0]
+    return since
 
 
-def _check_equidistant(intervals: Array, rows: list[tuple[float, str]]) -> None:
-    """Check the intervals of a problem whose f is not told them."""
-    if not len(intervals):
+def _check_dt(table: Table, dt: Array) -> None:
+    """Compare a column dt, in seconds, with the time since the row before.
+
+    What was before the first row is not known, so its dt may be anything from 0 to the longest time
+    between rows.
+    """
+    between = np.diff(table.times)
+    allowed = np.maximum(_DT_DIFFERS * between, np.minimum(table.resolution, _DT_ROUNDED * between))
+    wrong = np.flatnonzero(np.abs(dt[1:] - between) > allowed) + 1
+    longest = float(between.max()) * (1.0 + _DT_DIFFERS) if len(between) else np.inf
+    if dt[0] < 0.0 or dt[0] > longest:
+        row, rule = 0, f"between 0 and {longest:.6g} s, as there is between rows"
+    elif len(wrong):
+        row = int(wrong[0])
+        rule = f"the time since the row before, {float(between[row - 1]):.6g} s"
+    else:
         return
-    usual = float(np.median(intervals))
-    off = np.flatnonzero(np.abs(intervals - usual) > _JITTER * usual)
-    if len(off):
-        index = int(off[0])
-        raise LogError(
-            f"steps must be {usual:.6g} s apart, as most are, since f has no input {DT}, not "
-            f"{float(intervals[index]):.6g} s before {rows[index + 1][1]}"
-        )
+    raise LogError(
+        f"{DT} must be {rule}, not {float(dt[row]):.6g} s in {table.row(row)}; it follows from the "
+        f"times, so the column can be left out: ignore='{DT}', or --ignore {DT}"
+    )
 
 
 def _inputs(
-    problem: Problem, times: Array, intervals: Array, places: Mapping[str, tuple[_Table, str]]
+    problem: Problem, steps: Steps, since: Array, places: Mapping[str, _Place]
 ) -> Array | None:
     """Newest inputs by each step, shape (K, inputs); None if the problem names none."""
     if not problem.inputs:
         return None
-    inputs = np.empty((len(times), len(problem.inputs)))
-    for k, name in enumerate(problem.inputs):
-        if name == DT and DT not in places:
-            inputs[:, k] = intervals
+    count = len(steps.times)
+    inputs = np.empty((count, len(problem.inputs)))
+    late: list[tuple[str, Table, int]] = []
+    for k, (name, unit) in enumerate(cast("Mapping[str, str]", problem.inputs).items()):
+        if name == DT:
+            inputs[:, k] = since / factor(unit, "s", f"the input {DT}")
             continue
-        table, column = places[name]
-        there = np.isfinite(table.columns[column])
-        known, values = table.columns[TIME][there], table.columns[column][there]
-        newest = np.searchsorted(known, times, side="right") - 1
-        if not len(known) or newest[0] < 0:
-            raise LogError(
-                f"{name} must be there from the first time on, {float(times[0])!r} s, not only "
-                f"later in {table.name}"
-            )
-        inputs[:, k] = values[newest]
+        number, column = places[name]
+        table = steps.tables[number]
+        there = np.flatnonzero(np.isfinite(table.columns[column]))
+        if not len(there):
+            raise LogError(f"{name} must be a number in a row of {table.name}, and is in none")
+        newest = np.searchsorted(steps.places[number][there], np.arange(count), side="right") - 1
+        if newest[0] < 0:
+            late.append((name, table, int(there[0])))
+        inputs[:, k] = table.columns[column][there][newest]
+    if late:
+        name, table, row = late[0]
+        begin = max(float(table.times[row]) for _, table, row in late)
+        raise LogError(
+            f"{name} must be there from the first time on, {float(steps.times[0])!r} s, not only "
+            f"later in {table.name}, from {float(table.times[row])!r} s in row {table.rows[row]} "
+            f"on: start={begin!r}, or --start {begin!r}, leaves out what is before"
+        )
     return inputs

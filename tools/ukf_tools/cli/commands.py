@@ -1,12 +1,16 @@
 """What becomes of a command line that is wrong: a message like all others, with rule and value."""
 
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
-from ukf_tools.cli.console import print_error
+from ukf_sw.problems.logs import LogWarning
+from ukf_tools.cli.console import print_error, print_warning
 
 __all__ = ["Commands"]
 
@@ -36,6 +40,23 @@ def _complaint(error: Any) -> str:
     return f"{option} must be {rule.format(**first.get('ctx', {}))}, not {value}"
 
 
+@contextmanager
+def _told() -> Iterator[None]:
+    """Print warnings about the user's data as messages; others are as they were."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", LogWarning)
+        show = warnings.showwarning
+
+        def tell(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, LogWarning):
+                print_warning(str(message))
+            else:
+                show(message, category, *where, **more)
+
+        warnings.showwarning = tell
+        yield
+
+
 class Commands(TyperGroup):
     """Commands whose complaints are those of this project."""
 
@@ -44,7 +65,8 @@ class Commands(TyperGroup):
         if not standalone_mode:
             return super().main(*arguments, standalone_mode=False, **options)
         try:
-            code = super().main(*arguments, standalone_mode=False, **options)
+            with _told():
+                code = super().main(*arguments, standalone_mode=False, **options)
         except typer.BadParameter as error:
             print_error(_complaint(error))
             sys.exit(2)

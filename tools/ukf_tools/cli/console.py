@@ -39,6 +39,7 @@ __all__ = [
     "print_error",
     "print_files",
     "print_json",
+    "print_warning",
     "progress_bars",
     "progress_teller",
     "results",
@@ -56,6 +57,11 @@ results = Console(emoji=False)
 def print_error(message: str) -> None:
     """Print what is wrong."""
     messages.print(f"[bold red]Error:[/] {escape(message)}", highlight=False, soft_wrap=True)
+
+
+def print_warning(message: str) -> None:
+    """Print what is doubtful."""
+    messages.print(f"[bold yellow]Warning:[/] {escape(message)}", highlight=False, soft_wrap=True)
 
 
 def fail(message: str, code: int = 2) -> NoReturn:

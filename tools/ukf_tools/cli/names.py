@@ -22,7 +22,7 @@ _OPTIONS = {
         name: option_of(name)
         for name in (
             "P0", "backend", "data", "base_address", "clock_mhz", "duration", "interrupt", "runs",
-            "seed", "steps", "workers",
+            "ignore", "seed", "start", "steps", "workers",
         )
     },
     "word_clocks": "--bus-latency",

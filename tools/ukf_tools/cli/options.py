@@ -33,6 +33,7 @@ __all__ = [
     "LogOption",
     "PlotOption",
     "SeedOption",
+    "StartOption",
     "log_files",
     "with_core",
     "with_points",
@@ -70,6 +71,15 @@ IgnoreOption = Annotated[
         "--ignore",
         metavar="COLUMN",
         help="Column of the log to leave out; may be given several times.",
+        rich_help_panel=DATA,
+    ),
+]
+StartOption = Annotated[
+    float | None,
+    typer.Option(
+        "--start",
+        metavar="SECONDS",
+        help="Time of the log that the first estimate belongs to; what is before it is left out.",
         rich_help_panel=DATA,
     ),
 ]
@@ -205,19 +215,23 @@ def _points(problems: str | None, given: Mapping[str, str]) -> list[Point]:
     return grid(bases, **axes)
 
 
-def log_files(texts: list[str] | None, ignore: list[str] | None) -> LogFiles | None:
+def log_files(
+    texts: list[str] | None, ignore: list[str] | None, start: float | None
+) -> LogFiles | None:
     """Make logs of the options that are given.
 
     Raises
     ------
     ValueError
-        If one is no file, or there is something to ignore in none.
+        If one is no file, or there is something to ignore in none, or a start of none.
     """
     if not texts:
         if ignore:
             raise ValueError("--ignore must come with --data, whose columns it leaves out")
+        if start is not None:
+            raise ValueError("--start must come with --data, of whose times it is one")
         return None
-    logs = LogFiles.of(texts, ignore or ())
+    logs = LogFiles.of(texts, ignore or (), start)
     for _, file in logs.files:
         if not file.is_file():
             raise ValueError(f"--data must be a file, and maybe its name before it, not {file}")
@@ -266,7 +280,7 @@ _SCENARIO = [
     )
     for name, default, annotation in (
         ("seed", 0, SeedOption), ("p0", None, P0Option), ("data", None, LogOption),
-        ("ignore", None, IgnoreOption),
+        ("ignore", None, IgnoreOption), ("start", None, StartOption),
     )
 ]  # fmt: skip
 
@@ -282,12 +296,13 @@ def with_recipe(command: Callable[..., None]) -> Callable[..., None]:
         p0: float | None,
         data: list[str] | None,
         ignore: list[str] | None,
+        start: float | None,
         **arguments: Any,
     ) -> None:
         with checked():
             recipe = Recipe(
                 name=core.problem, params=core.params, seed=seed, P0=p0,
-                logs=log_files(data, ignore),
+                logs=log_files(data, ignore, start),
             )  # fmt: skip
         command(core, recipe, **arguments)
 

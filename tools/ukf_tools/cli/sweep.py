@@ -27,6 +27,7 @@ from ukf_tools.cli.options import (
     IgnoreOption,
     LogOption,
     SeedOption,
+    StartOption,
     log_files,
     with_points,
 )
@@ -67,6 +68,7 @@ def sweep(
     seed: SeedOption = 0,
     data: LogOption = None,
     ignore: IgnoreOption = None,
+    start: StartOption = None,
     clock_mhz: Annotated[
         float, typer.Option(help="Clock for times, in MHz.", rich_help_panel=ASK)
     ] = 100.0,
@@ -118,7 +120,7 @@ def sweep(
             resources=resources,
             application=accuracy,
             seed=seed,
-            logs=log_files(data, ignore),
+            logs=log_files(data, ignore, start),
             conditions=Conditions(clock_mhz=clock_mhz, word_clocks=bus_latency),
         )
         if accuracy is not None and not any(_judges(questions, point) for point in points):
