@@ -378,6 +378,16 @@ def test_board_command_saves_and_compares(tmp_path, capsys):
         (("--compare", "floats.npz"), "(x must be of float64 and 2 dimensions)"),
         (("--compare", "."), "--compare must be a file that --save wrote, not '.'"),
         (("--problem", "ctrv", "--seed", "3"), "seed must be 0 for ctrv, which is a record, not 3"),
+        (("--start", "1"), "--ignore and --start must come with --data"),
+        (("--ignore", "temperature"), "--ignore and --start must come with --data"),
+        (
+            ("--data", "text.npz", "--start", "nan"),
+            "start must be a finite time in seconds, not nan",
+        ),
+        (
+            ("--data", "text.npz", "--ignore", "text"),
+            "text.npz must have a column time, not only what is",
+        ),
     ],
 )
 def test_board_command_judges_files_before_it_runs(

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from ukf_sw.problem import Problem, Sensor
+from ukf_sw.problems.log_tables import read_tables
+from ukf_sw.problems.log_times import merge
 from ukf_sw.problems.logs import LogError, LogFiles, LogWarning, read_log
 from ukf_sw.problems.running import run
 from ukf_sw.spec.parameters import Noise
@@ -653,3 +655,29 @@ def test_files_by_name_take_what_read_log_does(tmp_path):
     files = LogFiles.of([str(file)], start=0.05)
     assert files.read(PROBLEM).times.tolist() == [0.1]
     assert LogFiles.of([str(file)], ignore="status").ignore == ("status",)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_row_is_lost_or_moved_when_logs_are_merged(seed):
+    """Steps rise, rows of a log are apart, equal times together."""
+    rng = np.random.default_rng(seed)
+    bases = np.array([0.0, 1.0, 2.0, 0.001, 0.5, 1e-6, 1.9999, 2.00001])
+    for _ in range(50):
+        logs = {}
+        for number in range(rng.integers(2, 5)):
+            rows = rng.integers(1, 8)
+            times = rng.choice(bases, rows) + rng.choice([0.0, 1e-9, 1e-5, 1e-3, 5e-3], rows)
+            times = np.unique(np.round(times, rng.integers(1, 7)))
+            logs[f"log{number}"] = {"time": times}
+        tables = read_tables(logs, (), {"time"})
+        steps = merge(tables, None)
+        assert (np.diff(steps.times) > 0.0).all()
+        assert set(np.concatenate(steps.places)) == set(range(len(steps.times)))
+        intervals = [np.diff(table.times).min() for table in tables if len(table.times) > 1]
+        step_of = {}
+        for table, places in zip(tables, steps.places, strict=True):
+            assert (np.diff(places) > 0).all()
+            moved = np.abs(steps.times[places] - table.times)
+            assert (moved <= 0.0100001 * min(intervals, default=1e-9)).all()
+            for time, place in zip(table.times, places, strict=True):
+                assert step_of.setdefault(time, place) == place

@@ -259,7 +259,9 @@ def _table(label: str, name: str, source: Source, headings: _Headings) -> Table:
             raise LogError(f"{name} must have one column {own}, not several")
         columns[own], units[own], written[own] = numbers, unit, heading
     if TIME not in columns:
-        raise LogError(f"{name} must have a column {TIME}, not only {', '.join(columns)}")
+        raise LogError(
+            f"{name} must have a column {TIME}, not only {', '.join(columns) or 'what is ignored'}"
+        )
     scale = factor(units[TIME], "s", f"{TIME} of {name}")
     resolution = scale * _resolution(columns[TIME])
     columns[TIME] = columns[TIME] * scale
@@ -390,7 +392,7 @@ def _from_csv(text: str, name: str, kept: Kept) -> tuple[dict[str, Array], NDArr
             raise LogError(f"row {row} of {name} must have {len(headings)} cells, not {len(cells)}")
         rows.append(row)
         numbers.append([_number(cells[k], headings[k], row, name) for k in indices])
-    columns = np.array(numbers, dtype=np.float64).reshape(-1, len(indices))
+    columns = np.array(numbers, dtype=np.float64).reshape(len(rows), len(indices))
     found = {headings[k]: columns[:, place] for place, k in enumerate(indices)}
     return found, np.array(rows, dtype=np.int64)
 

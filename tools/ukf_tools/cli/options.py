@@ -235,6 +235,12 @@ def log_files(
     for _, file in logs.files:
         if not file.is_file():
             raise ValueError(f"--data must be a file, and maybe its name before it, not {file}")
+        try:
+            file.open("rb").close()
+        except OSError as error:
+            raise ValueError(
+                f"--data must be a file that can be read, not {file}: {error.strerror}"
+            ) from error
     return logs
 
 
