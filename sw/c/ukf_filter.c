@@ -675,7 +675,7 @@ static bool all_zero(const struct ukf *ukf, const ukf_real *values, uint32_t cou
 /**
  * Refuse a row of Z that is one number for all sigma points and has no noise. Its variance is zero,
  * but the core would find the rounding error of its mean, and nothing to compare that with. Of a row
- * of zeros it finds zero, and says so itself.
+ * of zeros it finds zero, of one that overflows that it is not finite, and says so itself.
  */
 static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint32_t used)
 {
@@ -685,7 +685,7 @@ static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint
     for (uint32_t i = 0; i < rows.count; i++) {
         const ukf_real *row = ukf->Z + i * core->points;
         const ukf_real first = ukf_driver_round(&ukf->driver, row[0]);
-        bool varies = (used >> i & 1u) == 0u || first == 0;
+        bool varies = (used >> i & 1u) == 0u || first == 0 || !ukf_is_finite((double)first);
 
         if (core->additive_r != 0u) {
             const uint32_t columns = ukf_core_noise_columns(core);

@@ -22,6 +22,7 @@ CONFIGURATIONS = [
         UkfParams(n=2, m=2, q=1, r=2, pes=3),
         Pipeline(multiply=1, add=1, reciprocal_sqrt=1),
         id="shallow",
+        marks=pytest.mark.slow,
     ),
     pytest.param(
         UkfParams(

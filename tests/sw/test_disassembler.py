@@ -224,7 +224,9 @@ def test_listing_of_an_update():
 
 
 @pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize("pes", [16, pytest.param(32, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "pes", [4, *(pytest.param(pes, marks=pytest.mark.slow) for pes in (16, 32))]
+)
 def test_lines_are_short(form, pes):
     """The largest core in a listing of 100 columns, of which 13 are clocks."""
     params = UkfParams(

@@ -47,7 +47,7 @@ def test_a_row_that_depends_on_others_is_named(backend, core):
         np.testing.assert_allclose(ukf.x, [0.1, 0.2], rtol=1e-6)
 
 
-@pytest.mark.parametrize(("backend", "core"), CORES)
+@pytest.mark.parametrize(("backend", "core"), CORES[::3])
 @pytest.mark.parametrize("noise", Noise)
 @pytest.mark.parametrize("constant", [0.0, 0.1, -3e7])
 def test_a_row_that_is_constant_and_has_no_noise_is_named(backend, core, noise, constant):

@@ -225,7 +225,7 @@ def test_scenarios_for_another_core_are_named(tmp_path):
     ("options", "message"),
     [
         ((), "give the models of another one with --models FILE.c"),
-        (("--models", "none.c"), "--models must be C files, which end with .c, not 'none.c'"),
+        (("--models", "none.c"), "--models must be files that exist, not 'none.c'"),
         (("--models", "."), "--models must be C files, which end with .c, not '.'"),
         (("--models", FOLDER / "model.py"), "--models must be C files, which end with .c, not"),
         ((*OPTIONS, "--format", "float6.17"), "--format must be one that C has, binary32 or bin"),

@@ -67,6 +67,7 @@ def test_lint(fusesoc):
     assert "UNDRIVEN" in broken.stdout + broken.stderr
 
 
+@pytest.mark.slow
 def test_simulation_with_icarus(fusesoc):
     if not Simulator.ICARUS.available:
         pytest.skip("Icarus Verilog is not installed")

@@ -15,7 +15,7 @@ from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 TINY = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 #: Sizes, formats, forms, kinds of noise and depths that change what the generator writes.
 CORES = [
-    pytest.param(TINY, Pipeline(), id="tiny"),
+    pytest.param(TINY, Pipeline(), id="tiny", marks=pytest.mark.slow),
     pytest.param(
         UkfParams(n=1, m=1), Pipeline(multiply=1, add=1, reciprocal_sqrt=1), id="smallest"
     ),
@@ -28,7 +28,10 @@ CORES = [
         id="double",
         marks=pytest.mark.slow,
     ),
-    pytest.param(UkfParams(n=2, m=3, pes=4, format=BINARY16), Pipeline(add=4), id="half"),
+    pytest.param(
+        UkfParams(n=2, m=3, pes=4, format=BINARY16), Pipeline(add=4), id="half",
+        marks=pytest.mark.slow,
+    ),
     pytest.param(
         UkfParams(n=2, m=2, q=1, pes=3, format=FloatFormat(exponent_bits=6, fraction_bits=17)),
         Pipeline(),

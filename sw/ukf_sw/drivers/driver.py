@@ -784,13 +784,15 @@ class Driver:
         """Refuse a row that is one number for all sigma points and has no noise.
 
         Its variance is zero, but the core would find the rounding error of its mean, and nothing
-        to compare that with. Of a row of zeros it finds zero, and says so itself.
+        to compare that with. Of a row of zeros it finds zero, of one that overflows that it is not
+        finite, and says so itself.
         """
         p = self._params
         rows = p.rows_of(sensor)
         points = words.reshape(len(rows), p.N, -1)
-        first = points[:, :1]
-        constant = mask & (points == first).all(axis=(1, 2)) & first.any(axis=(1, 2))
+        first = self._codec.from_words(points[:, 0].reshape(-1))
+        constant = mask & (points == points[:, :1]).all(axis=(1, 2))
+        constant &= np.isfinite(first) & (first != 0.0)
         if p.additive_r and self._noise is not None:
             factors = self._noise[1].reshape(p.r, -1)[rows.start : rows.stop]
             constant &= ~factors.any(axis=1)
