@@ -110,6 +110,7 @@ def test_a_change_of_what_is_called_or_referred_to_is_seen(package):
     assert package.run() == (52.0, 0)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_written_anew(package):
     package.run()
     for kind in ("nbc", "nbi"):
@@ -161,6 +162,7 @@ def test_nothing_can_be_written(package):
     assert package.run() == (3.0 + CODE, 0)
 
 
+@pytest.mark.slow
 def test_a_folder_that_vanishes_does_not_fail_a_call(package):
     package.edit(
         "engine/probe.py", "    value =",

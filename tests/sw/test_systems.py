@@ -67,7 +67,7 @@ REFERENCE = {
 
 #: Whole runs of these take a second or two; of the others beginnings are tested, and whole runs
 #: with the mark `slow`.
-QUICK = ("pendulum", "ctrv", "ctrv-masked", "reentry")
+QUICK = ("pendulum", "ctrv", "ctrv-masked", "reentry", "reentry-earth")
 #: Steps of a beginning.
 SHORT = 300
 

@@ -117,7 +117,9 @@ def test_an_error_of_the_core_is_told(apps, monkeypatch):
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("name", ["pendulum", pytest.param("ctrv-masked", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("pendulum", "ctrv-masked")]
+)
 def test_verilog_runs_an_application(apps, name, monkeypatch):
     record = json.loads(apps("run", name, "--backend", "cosim", "--steps", 6, "--json").stdout)
     assert record["okay"]

@@ -213,6 +213,7 @@ def test_random_cores_with_several_sensors(core_cache, seed, sensors):
     do_everything(core_cache, seed, rounds=60, sensors=sensors)
 
 
+@pytest.mark.slow
 def test_second_run_does_not_compile(tmp_path):
     params = UkfParams(n=1, m=1)
     # Make knows no blanks in names.

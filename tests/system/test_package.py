@@ -62,7 +62,14 @@ def test_equal_inputs_give_equal_files(original, tmp_path):
 
 @needs_tcl
 @pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("params", [TINY, SMALLEST, LARGER], ids=["tiny", "smallest", "double"])
+@pytest.mark.parametrize(
+    "params",
+    [
+        pytest.param(TINY, id="tiny"),
+        pytest.param(SMALLEST, id="smallest", marks=pytest.mark.slow),
+        pytest.param(LARGER, id="double", marks=pytest.mark.slow),
+    ],
+)
 def test_scripts_make_a_system(params, board, tmp_path):
     make(tmp_path, params, board)
     checked = check_package(tmp_path)

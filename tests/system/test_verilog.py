@@ -17,7 +17,8 @@ TINY = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 CORES = [
     pytest.param(TINY, Pipeline(), id="tiny", marks=pytest.mark.slow),
     pytest.param(
-        UkfParams(n=1, m=1), Pipeline(multiply=1, add=1, reciprocal_sqrt=1), id="smallest"
+        UkfParams(n=1, m=1), Pipeline(multiply=1, add=1, reciprocal_sqrt=1), id="smallest",
+        marks=pytest.mark.slow,
     ),
     pytest.param(
         UkfParams(
