@@ -37,7 +37,7 @@ CASES = {
 SEEDS = 8
 PES = 10
 #: Steps of a run of the reference that shows the resolution.
-STEPS = 6000
+STEPS = 20000
 
 
 def measure_roundings(problems: Sequence[Problem], tell: Tell) -> list[dict[str, Any]]:
