@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Mapping
 from contextlib import contextmanager
+from functools import lru_cache
 from itertools import dropwhile
 from pathlib import Path
 
@@ -34,6 +35,7 @@ __all__ = [
     "generate",
     "header",
     "interface_files",
+    "verilog_of",
     "without_header",
     "write_together",
 ]
@@ -293,6 +295,27 @@ def _builtin_yosys():
         os.environ.update(before)
 
 
+def _convert(core: UkfCore, name: str) -> str:
+    """Render a core as Verilog."""
+    with _builtin_yosys():
+        text = verilog.convert(Toplevel(core), name=name, emit_src=False, strip_internal_attrs=True)
+    return header(core) + text
+
+
+@lru_cache(maxsize=8)
+def verilog_of(params: UkfParams, pipeline: Pipeline, name: str) -> str:
+    """Render a core as Verilog; the last few ones of this process are kept, for that takes seconds.
+
+    Parameters
+    ----------
+    params, pipeline
+        What the core computes, and how it is built.
+    name
+        Name of its module.
+    """
+    return _convert(UkfCore(params, pipeline), name)
+
+
 def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
     """Write files that belong together, each whole or not at all, and all of them at once.
 
@@ -360,7 +383,6 @@ def generate(
     core = UkfCore(params, pipeline, engine=engine)
     interfaces = interface_files(core, instance)
     stem = instance.name
-    with _builtin_yosys():
-        text = verilog.convert(Toplevel(core), name=stem, emit_src=False, strip_internal_attrs=True)
-    files = {f"{stem}.v": header(core) + text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
+    text = verilog_of(params, core.pipeline, stem) if engine is None else _convert(core, stem)
+    files = {f"{stem}.v": text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
     return write_together(files, output)

@@ -645,7 +645,7 @@ MUTANTS = [
     ),
     Mutant(
         "names: the Verilog of every core has the same modules", "hdl/ukf_hdl/generate.py",
-        "verilog.convert(Toplevel(core), name=stem,", "verilog.convert(Toplevel(core), name=NAME,",
+        "verilog.convert(Toplevel(core), name=name,", "verilog.convert(Toplevel(core), name=NAME,",
         "tests/system/test_verilog.py -k module_in_common",
     ),
     Mutant(

@@ -194,7 +194,7 @@ def do_everything(cache, seed, rounds, sensors=1):
 # One of each form; every format, and one sensor, are in the slow ones.
 @pytest.mark.parametrize(("seed", "sensors"), [(58, 3), (59, 2)])
 def test_random_core(core_cache, seed, sensors):
-    do_everything(core_cache, seed, rounds=24, sensors=sensors)
+    do_everything(core_cache, seed, rounds=12, sensors=sensors)
 
 
 @pytest.mark.slow
@@ -262,8 +262,9 @@ def test_module_without_tests_is_reported(core_cache, tmp_path):
     from ukf_sim.builds import build
     from ukf_sim.cocotb_run import run_cocotb
 
-    generate(UkfParams(n=1, m=1), None, tmp_path)
-    compiled = build(tmp_path / f"{NAME}.v", NAME, Simulator.VERILATOR, core_cache)
+    generate(UkfParams(n=2, m=1, q=1, r=1, pes=2), None, tmp_path)
+    source = tmp_path / f"{NAME}.v"
+    compiled = build(source, NAME, Simulator.VERILATOR, core_cache, optimise=False)
     with pytest.raises(SimulatorError, match=r"cocotb|[Nn]o test"):
         run_cocotb(compiled, "ukf_sim.session", tmp_path / "run")
 
