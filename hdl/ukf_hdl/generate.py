@@ -32,10 +32,10 @@ __all__ = [
     "NAME",
     "Toplevel",
     "description",
+    "files_of",
     "generate",
     "header",
     "interface_files",
-    "verilog_of",
     "without_header",
     "write_together",
 ]
@@ -295,27 +295,6 @@ def _builtin_yosys():
         os.environ.update(before)
 
 
-def _convert(core: UkfCore, name: str) -> str:
-    """Render a core as Verilog."""
-    with _builtin_yosys():
-        text = verilog.convert(Toplevel(core), name=name, emit_src=False, strip_internal_attrs=True)
-    return header(core) + text
-
-
-@lru_cache(maxsize=8)
-def verilog_of(params: UkfParams, pipeline: Pipeline, name: str) -> str:
-    """Render a core as Verilog; the last few ones of this process are kept, for that takes seconds.
-
-    Parameters
-    ----------
-    params, pipeline
-        What the core computes, and how it is built.
-    name
-        Name of its module.
-    """
-    return _convert(UkfCore(params, pipeline), name)
-
-
 def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
     """Write files that belong together, each whole or not at all, and all of them at once.
 
@@ -340,6 +319,35 @@ def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
             with replacing(output / name) as part:
                 part.write_text(content, encoding="utf-8")
     return [output / name for name in files]
+
+
+@lru_cache(maxsize=8)
+def files_of(
+    params: UkfParams, pipeline: Pipeline, instance: Instance, engine=None
+) -> dict[str, str]:
+    """Render a core; what this process rendered last is kept, for the Verilog takes seconds.
+
+    Parameters
+    ----------
+    params, pipeline, instance, engine
+        As for :func:`generate`.
+
+    Returns
+    -------
+    dict of str
+        Contents of the files by name. Not to be changed.
+
+    Raises
+    ------
+    ValueError
+        If the core cannot be at this address.
+    """
+    core = UkfCore(params, pipeline, engine=engine)
+    interfaces = interface_files(core, instance)
+    stem = instance.name
+    with _builtin_yosys():
+        text = verilog.convert(Toplevel(core), name=stem, emit_src=False, strip_internal_attrs=True)
+    return {f"{stem}.v": header(core) + text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
 
 
 def generate(
@@ -380,9 +388,4 @@ def generate(
         At once, if the folder cannot be written to, or the core cannot be at this address.
     """
     check_folder("output", output)
-    core = UkfCore(params, pipeline, engine=engine)
-    interfaces = interface_files(core, instance)
-    stem = instance.name
-    text = verilog_of(params, core.pipeline, stem) if engine is None else _convert(core, stem)
-    files = {f"{stem}.v": text, f"{stem}.vlt": lint_waivers(stem), **interfaces}
-    return write_together(files, output)
+    return write_together(files_of(params, pipeline or Pipeline(), instance, engine), output)

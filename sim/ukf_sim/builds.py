@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import platform
 import shutil
 import subprocess
@@ -296,7 +297,7 @@ def _cached(
             if compiled:
                 if compiling is not None:
                     compiling()
-                _compile(folder, program, compile_into, identity)
+                _compile(folder, program, compile_into, identity, simulator)
     except OSError as error:
         raise SimulatorError(f"{cache} cannot keep what is compiled: {error}") from error
     return Build(
@@ -309,7 +310,11 @@ def _cached(
 
 
 def _compile(
-    folder: Path, program: str, compile_into: Callable[[Path], None], identity: dict[str, Any]
+    folder: Path,
+    program: str,
+    compile_into: Callable[[Path], None],
+    identity: dict[str, Any],
+    simulator: Simulator,
 ) -> None:
     """Compile where make can, which knows no blanks in names, and put what comes out into place."""
     if not is_plain(tempfile.gettempdir()):
@@ -321,7 +326,56 @@ def _compile(
     with tempfile.TemporaryDirectory(prefix="ukf-build-") as scratch:
         made = Path(scratch, folder.name)
         made.mkdir()
-        compile_into(made)
+        with _library(made, folder.parent, identity, simulator):
+            compile_into(made)
         record = {program: _digest(made / program), "identity": identity}
         (made / _DONE).write_text(json.dumps(record, indent=2), encoding="utf-8")
         shutil.move(made, folder)
+
+
+@contextmanager
+def _library(
+    made: Path, cache: Path, identity: dict[str, Any], simulator: Simulator
+) -> Iterator[None]:
+    """Have the simulator's own library compiled already, which takes longer than most designs.
+
+    What it is compiled to depends on everything but the design, and is kept in the cache.
+    """
+    if not simulator.tool.library:
+        yield
+        return
+    version_of = ["c++", "--version"]
+    compiler = subprocess.run(version_of, capture_output=True, text=True, check=False).stdout
+    of_design = ("verilog", "inputs", "top", "python")
+    same = {name: value for name, value in identity.items() if name not in of_design}
+    same["compiler"] = compiler.partition("\n")[0]
+    folder = cache / f"library-{hashlib.sha256(json.dumps(same).encode()).hexdigest()[:24]}"
+    lock = folder.with_suffix(".lock")
+    with locked(lock):
+        kept = _whole_objects(folder)
+        # Make compiles what is older than the makefile, which is not written yet.
+        later = time.time() + 3600.0
+        for file in kept:
+            shutil.copy(file, made)
+            os.utime(made / file.name, (later, later))
+    yield
+    objects = sorted(made.glob(simulator.tool.library))
+    if kept or not objects:
+        return
+    with locked(lock):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        for file in objects:
+            shutil.copy(file, folder)
+        record = {"objects": {file.name: _digest(file) for file in objects}, "identity": same}
+        (folder / _DONE).write_text(json.dumps(record, indent=2), encoding="utf-8")
+
+
+def _whole_objects(folder: Path) -> list[Path]:
+    """Objects of a library that is kept; none if one of them is missing or has changed."""
+    try:
+        digests: dict[str, str] = json.loads((folder / _DONE).read_bytes())["objects"]
+        whole = all(_digest(folder / name) == digest for name, digest in digests.items())
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return []
+    return [folder / name for name in digests] if whole else []

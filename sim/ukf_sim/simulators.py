@@ -163,6 +163,10 @@ class Tool:
         Name and text of a file for the compiler, in the same case; ``{top}`` is the module.
     make_flags
         Settings of the make that it starts; ``{optimisation}`` is a flag of the C++ compiler.
+    quick_make_flags
+        Further ones for code that is soon compiled.
+    library
+        Pattern of the objects that its own library is compiled to, equal for all designs.
     waves
         How it writes a waveform.
     wheel
@@ -180,6 +184,8 @@ class Tool:
     cocotb_flags: tuple[str, ...] = ()
     cocotb_settings: tuple[str, str] | None = None
     make_flags: str = ""
+    quick_make_flags: str = ""
+    library: str = ""
     wheel: Wheel | None = None
 
 
@@ -217,6 +223,9 @@ class Simulator(Enum):
             "ports.vlt", '`verilator_config\npublic_flat_rw -module "{top}" -port "*"\n',
         ),
         make_flags="OPT_FAST={optimisation}",
+        # Files side by side would need precompiled headers, which take longer than the files.
+        quick_make_flags="VM_PARALLEL_BUILDS=0",
+        library="verilated*.o",
         waves=Waves(
             suffix=".fst",
             # Arrays are recorded up to a depth: more than any memory has.
@@ -333,6 +342,8 @@ class Simulator(Enum):
         """Settings of make, for code that is fast or that is soon compiled."""
         flags = [self.wheel.make_flags] if self.wheel is not None else []
         flags.append(self.tool.make_flags.format(optimisation="-O3" if optimise else "-O1"))
+        if not optimise:
+            flags.append(self.tool.quick_make_flags)
         return " ".join(filter(None, flags))
 
 

@@ -17,8 +17,8 @@ from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import (
     NAME,
     description,
+    files_of,
     generate,
-    verilog_of,
     without_header,
     write_together,
 )
@@ -130,7 +130,7 @@ def test_vivado_can_infer_the_interfaces(tmp_path):
 def test_generation_is_reproducible(tmp_path, monkeypatch):
     first = generate(SMALLEST, Pipeline(), tmp_path / "a")
     monkeypatch.setenv("AMARANTH_USE_YOSYS", "system")
-    verilog_of.cache_clear()
+    files_of.cache_clear()
     second = generate(SMALLEST, Pipeline(), tmp_path / "b")
     assert [path.read_bytes() for path in first] == [path.read_bytes() for path in second]
     assert os.environ["AMARANTH_USE_YOSYS"] == "system", "the caller's choice stays"

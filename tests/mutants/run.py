@@ -645,7 +645,7 @@ MUTANTS = [
     ),
     Mutant(
         "names: the Verilog of every core has the same modules", "hdl/ukf_hdl/generate.py",
-        "verilog.convert(Toplevel(core), name=name,", "verilog.convert(Toplevel(core), name=NAME,",
+        "verilog.convert(Toplevel(core), name=stem,", "verilog.convert(Toplevel(core), name=NAME,",
         "tests/system/test_verilog.py -k module_in_common",
     ),
     Mutant(
@@ -732,6 +732,12 @@ MUTANTS = [
         "kept: any program that is there is run", "sim/ukf_sim/builds.py",
         "return kept is not None and kept == _digest(folder / program)", "return True",
         "tests/system/test_simulators.py -k damaged",
+    ),
+    Mutant(
+        "kept: a damaged library of the simulator is linked", "sim/ukf_sim/builds.py",
+        "whole = all(_digest(folder / name) == digest for name, digest in digests.items())",
+        "whole = True",
+        "tests/system/test_simulators.py -k damaged_library",
     ),
     Mutant(
         "kept: what is compiled is compiled in its own folder", "sim/ukf_sim/builds.py",

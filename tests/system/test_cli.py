@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.main import get_command
 
-from ukf_hdl.generate import verilog_of
+from ukf_hdl.generate import files_of
 from ukf_sw import __version__
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT
@@ -205,7 +205,7 @@ def test_generate_takes_the_place_in_the_system(ukf, tmp_path):
 
 def test_generate_is_reproducible(ukf, tmp_path):
     for folder in ("a", "b"):
-        verilog_of.cache_clear()
+        files_of.cache_clear()
         ukf("generate", *TINY, "--format", "binary16", "--w0", "0.25", "--output", folder)
     files = [path for path in (tmp_path / "a").rglob("*") if path.is_file()]
     assert len(files) == 8

