@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from support.stub_engine import StubEngine
+from ukf_hdl.generate import files_of, generate
 from ukf_hdl.instance import Instance
 from ukf_hdl.packaging.boards import BOARDS, find_board
 from ukf_hdl.packaging.package import package
@@ -392,7 +393,8 @@ def test_command(tmp_path, monkeypatch):
 def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
     """Before the slow part, and nothing has been written."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ukf_hdl.generate.files_of", None)
+    files_of.cache_clear()
+    monkeypatch.setattr("ukf_hdl.generate.verilog.convert", None)
     monkeypatch.setattr("ukf_sim.testbench.record", None)
     (tmp_path / "file").touch()
     result = CliRunner().invoke(app, [*arguments, "--n", "1", "--m", "1"], env={"COLUMNS": "500"})
@@ -403,7 +405,8 @@ def test_commands_refuse(arguments, message, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("command", ["generate", "package", "testbench"])
 def test_a_folder_that_cannot_be_written_is_refused_first(command, tmp_path, monkeypatch):
-    monkeypatch.setattr("ukf_hdl.generate.files_of", None)
+    files_of.cache_clear()
+    monkeypatch.setattr("ukf_hdl.generate.verilog.convert", None)
     monkeypatch.setattr("ukf_sim.testbench.record", None)
     (tmp_path / "file").touch()
     board = ["--board", "zedboard"] if command == "package" else []
@@ -429,8 +432,6 @@ def test_testbench_has_the_whole_filter():
 def test_testbench_runs_in_icarus(broken, tmp_path):
     if shutil.which("iverilog") is None:
         pytest.skip("Icarus Verilog is not installed")
-    from ukf_hdl.generate import generate
-
     generate(TINY, None, tmp_path)
     _, vectors = write(Recipe(params=TINY), 1, tmp_path)
     lines = vectors.read_text().splitlines()
