@@ -78,11 +78,14 @@ class TaskFailure:
     ----------
     kind, message, trace
         Name of its class, its message, its traceback.
+    notes
+        Notes on it: it is one of the user's models, and they say which.
     """
 
     kind: str
     message: str
     trace: str
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,6 +255,8 @@ def _run(
     file = folder / "result.pickle"
     result = pickle.loads(file.read_bytes()) if file.exists() else None
     if isinstance(result, TaskFailure):
+        if result.notes:
+            raise SimulatorError("\n".join([result.message, *result.notes]))
         raise SimulatorError(
             f"{job.task} failed in {compiled.simulator.value}: {result.kind}: {result.message}\n"
             f"{result.trace}"

@@ -12,6 +12,7 @@ from cocotb.task import bridge
 
 from ukf_sim.bus import CoreBench
 from ukf_sim.session import JOB_VARIABLE, Context, TaskFailure
+from ukf_sw.errors import describe
 
 
 @cocotb.test
@@ -30,7 +31,9 @@ async def run_job(dut: Any) -> None:
     try:
         result = await bridge(task)(context, **job.arguments)
     except BaseException as error:  # one that ends the process is a result, too
+        notes = tuple(getattr(error, "__notes__", ()))
+        message = describe(error) if notes and isinstance(error, Exception) else str(error)
         trace = traceback.format_exc()
-        keep(TaskFailure(kind=type(error).__name__, message=str(error), trace=trace))
+        keep(TaskFailure(kind=type(error).__name__, message=message, trace=trace, notes=notes))
         raise
     keep(result)

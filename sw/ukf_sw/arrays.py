@@ -110,7 +110,7 @@ def as_indices(
 ) -> tuple[int, ...]:
     """Check indices, or names, of rows; gives indices."""
     if isinstance(value, str) or not isinstance(cast("object", value), Iterable):
-        raise TypeError(f"{name} must be a tuple of indices, as (0,), not {value!r}")
+        raise TypeError(f"{name} must be a tuple of indices or names, as (0,), not {value!r}")
     indices: list[int] = []
     for index in value:
         if isinstance(index, str):

@@ -25,7 +25,7 @@ __all__ = [
     "DevicePermissionError", "EstimateLostError", "FormatOverflowError", "IllegalStepError",
     "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
     "SingularObservationError", "StepError", "StepLostError", "UkfError", "WrongCoreError",
-    "error_of",
+    "add_note", "describe", "error_of",
 ]  # fmt: skip
 
 
@@ -277,6 +277,11 @@ class NotPositiveDefiniteError(StepError):
     def __init__(self, step: Step, index: int) -> None:
         super().__init__(f"{step.name}: covariance is not positive definite at row {index}", step)
         self.index = index
+
+
+def add_note(error: Exception, note: str) -> None:
+    """Add a note to an error; before Python 3.11 it is kept, though no traceback prints it."""
+    error.__dict__.setdefault("__notes__", []).append(note)
 
 
 def describe(error: Exception) -> str:

@@ -264,10 +264,11 @@ class UnscentedKalmanFilter:
         UkfError
             If a step fails; then nothing has changed.
         """
-        terms = self._problem.terms_of(self._problem.number_of(sensor))
+        number = self._problem.number_of(sensor)
+        terms = self._problem.terms_of(number)
         whole = self._noise[1].copy()
         whole[terms.start : terms.stop, terms.start : terms.stop] = as_covariance(
-            R, "R", len(terms)
+            R, of_sensor("R", self._problem.sensor_names[number]), len(terms)
         )
         self._certainty.assign(self._send_noise, self._noise[0], whole)
 

@@ -33,6 +33,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ukf_sw.errors import add_note
+
 __all__ = ["CheckedModel", "ObservationModel", "ProcessModel", "check_takes", "wrap"]
 
 ProcessModel = Callable[..., ArrayLike]
@@ -71,11 +73,6 @@ def wrap(
         Angles in reference +- pi. Angles that are there already are returned unchanged.
     """
     return angles - TURN * np.round((angles - reference) / TURN)
-
-
-def _add_note(error: Exception, note: str) -> None:
-    """Add a note to an error; before Python 3.11 it is kept, though no traceback prints it."""
-    error.__dict__.setdefault("__notes__", []).append(note)
 
 
 def _signature(function: Callable[..., Any]) -> inspect.Signature | None:
@@ -249,7 +246,7 @@ class CheckedModel:
             return self.function(x, w, *arguments, **keywords)
         except Exception as error:
             self._explain(error, x, w, given, where)
-            _add_note(
+            add_note(
                 error,
                 f"in {self.name}, {where}, called with x of shape {x.shape} and "
                 f"{self._noise} of shape {w.shape}",
@@ -288,7 +285,7 @@ class CheckedModel:
                 raise ValueError(
                     f"{raised}, but works for several at once: say vectorized=True"
                 ) from error
-        if arguments == (None,) and not isinstance(error, ValueError):
+        if len(arguments) == 1 and arguments[0] is None and not isinstance(error, ValueError):
             raise TypeError(f"{raised}: {self._asked_by} was given no u, so u is None") from error
 
     def _gives(

@@ -129,8 +129,8 @@ class Data:
         for each in fields(self):
             given: Any = getattr(self, each.name)
             if isinstance(given, Mapping):
-                for part in cast("Mapping[str, Any]", given).values():
-                    self._check(each.name, part)
+                for name, part in cast("Mapping[str, Any]", given).items():
+                    self._check(of_sensor(each.name, name), part)
             elif given is not None or each.name in ("times", "measurements"):
                 self._check(each.name, given)
         object.__setattr__(self, "times", self._rising(self.times))
@@ -316,6 +316,8 @@ class Problem:
     limit: float | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(cast("object", self.name), str) or not self.name:
+            raise TypeError(f"name must be text, not {self.name!r}")
         if not callable(self.f):
             raise TypeError(f"f must be callable, not {self.f!r}")
         check_takes(self.f, "process model f", ("x", "w", "u"))
@@ -353,6 +355,8 @@ class Problem:
             self._set("data", self._complete_data(self.data))
         elif self.data is not None and not callable(self.data):
             raise TypeError(f"data must be Data or a function that makes them, not {self.data!r}")
+        if self.error is not None and not self.error_names:
+            raise ValueError("error_names must name what error gives, a column each, not ()")
         if self.error is None and not self.error_names:
             named = cast("dict[str, str]", self.states) or {f"x[{i}]": "" for i in range(n)}
             self._set("error_names", tuple(named))
@@ -453,8 +457,8 @@ class Problem:
         return tuple(self._sensors)
 
     def sensor(self, name: str) -> Sensor:
-        """Give a sensor, with all that it left open filled in."""
-        return self._sensors[name]
+        """Give a sensor, with all that it left open filled in; raises as :meth:`number_of`."""
+        return self._sensors[self.sensor_names[self.number_of(name)]]
 
     def number_of(self, name: str | None) -> int:
         """Number of a sensor; of the only one if no name is given.
@@ -556,6 +560,15 @@ class Problem:
                 f"inputs must have {len(self.inputs)} numbers in each step, for "
                 f"{', '.join(self.inputs)}, not {width}"
             )
+        if width is not None:
+            numbers = np.asarray(data.inputs, dtype=np.float64).reshape(data.steps, width)
+            if not np.isfinite(numbers).all():
+                step, k = (int(i) for i in np.argwhere(~np.isfinite(numbers))[0])
+                name = [*self.inputs][k] if self.inputs else f"number {k}"
+                raise ValueError(
+                    f"inputs must be finite, not {float(numbers[step, k])!r} in {name} of step "
+                    f"{step}"
+                )
         return replace(data, measurements=measurements, sampled=sampled)
 
     def _by_sensor(self, what: str, given: Any, steps: int) -> dict[str, Any]:
@@ -664,7 +677,7 @@ class Problem:
         Raises
         ------
         ValueError
-            If there is no truth.
+            If there is no truth, or the function `error` fails or gives another shape.
         """
         truth = self.record.truth
         if truth is None:
@@ -673,8 +686,27 @@ class Problem:
                 "run, but what comes out cannot be judged"
             )
         if self.error is not None:
-            return self.error(x, truth[: len(x)])
+            return self._compared(x, truth[: len(x)])
         difference = x - truth[: len(x)]
         for row in cast("tuple[int, ...]", self.state_angles):
             difference[:, row] = wrap(difference[:, row], 0.0)
         return difference
+
+    def _compared(self, x: Array, truth: Array) -> Array:
+        """Call the function `error`, and check what it gives."""
+        assert self.error is not None
+        what = f"error of the problem {self.name!r}"
+        try:
+            errors = np.asarray(self.error(x, truth), dtype=np.float64)
+        except Exception as error:
+            raise ValueError(
+                f"{what} must compare x of shape {x.shape} with the truth of shape "
+                f"{np.shape(truth)}, and raised {describe(error)}"
+            ) from error
+        shape = len(x), len(self.error_names)
+        if errors.shape != shape:
+            raise ValueError(
+                f"{what} must give the shape {shape}, a column for each of error_names "
+                f"({', '.join(self.error_names) or 'none'}), not {errors.shape}"
+            )
+        return errors

@@ -117,9 +117,9 @@ BAD = [
     ({"state_angles": ("d",), "states": ("a", "b", "c")}, ValueError,
      "state_angles must be among a, b, c, not 'd'"),
     ({"angles": (-1,)}, ValueError, "angles must be between 0 and 1, not -1"),
-    ({"angles": 1}, TypeError, "angles must be a tuple of indices, as (0,), not 1"),
+    ({"angles": 1}, TypeError, "angles must be a tuple of indices or names, as (0,), not 1"),
     ({"state_angles": "12"}, TypeError,
-     "state_angles must be a tuple of indices, as (0,), not '12'"),
+     "state_angles must be a tuple of indices or names, as (0,), not '12'"),
     ({"angles": (1, 1)}, ValueError, "angles must be different indices, not (1, 1)"),
     ({"angles": (3.5,)}, TypeError, "each of angles must be an int, not 3.5"),
     ({"vectorized": "no"}, TypeError, "vectorized must be a bool, not 'no'"),
@@ -325,6 +325,14 @@ def test_mistakes_are_said(model, vectorized, kind, start, end):
         ukf.predict()
     assert caught.value.__cause__ is not None
     assert estimate(ukf) == before
+
+
+@pytest.mark.parametrize("u", [np.zeros(2), [0.0, 0.0]], ids=["array", "list"])
+def test_what_a_model_raises_is_kept_whatever_u_is(u):
+    ukf = make(f=lambda x, w, u: x[np.arange(9)] + u[0])
+    with pytest.raises(IndexError, match=r"^index 3 is out of bounds") as caught:
+        ukf.predict(u)
+    assert caught.value.__notes__[0].startswith("in process model f (<lambda>), at sigma point 0")
 
 
 def test_an_argument_that_the_observation_model_does_not_know():

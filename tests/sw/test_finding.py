@@ -133,7 +133,10 @@ def test_seeds_and_cores_are_checked(cart):
 @pytest.mark.parametrize(
     ("texts", "message"),
     [
-        (["a.csv", "b.csv"], "data must have one file named '', not several"),
+        (
+            ["a.csv", "b.csv"],
+            "data must have a name for each file, as gps=gps.csv, not only .*a.csv and b.csv",
+        ),
         (["gps=a.csv", "gps=b.csv"], "data must have one file named 'gps', not several"),
         (["gps=a.csv", "b.csv"], "data must have a name for each file, as gps=gps.csv, not only"),
     ],

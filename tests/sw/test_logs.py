@@ -379,6 +379,37 @@ def test_a_wrong_start_is_refused(start, error, message):
     assert str(found.value).startswith(message)
 
 
+def test_inputs_that_end_long_before_the_rest_are_told():
+    logs = three_logs()
+    logs["imu"] = {name: column[:150] for name, column in logs["imu"].items()}
+    with pytest.warns(LogWarning) as told:
+        assert read_log(PROBLEM, logs).steps == 525
+    assert str(told[0].message) == (
+        "inputs should go on as long as the logs, to 5.98 s, and push of the columns imu ends at "
+        "1.49 s and is held from there on: is its time, or that of another log, in another unit?"
+    )
+    assert told[0].filename == __file__
+    # More than half is taken as it is; so is an input that is constant.
+    logs = three_logs()
+    logs["imu"] = {name: column[:310] for name, column in logs["imu"].items()}
+    read_log(PROBLEM, logs)
+
+
+def test_times_that_are_too_large_to_tell_the_intervals_are_refused():
+    logs = three_logs()
+    for columns in logs.values():
+        columns["time"] = columns["time"] + 1.7e9
+    assert read_log(PROBLEM, logs).steps == 750
+    for columns in logs.values():
+        columns["time"] = (columns["time"] - 1.7e9) * 1e-3 + 1.7e9
+    with pytest.raises(LogError) as error:
+        read_log(PROBLEM, logs)
+    assert str(error.value) == (
+        "times must be from a nearer origin: those of the columns imu are as large as 1700000000 s "
+        "and rounded to 2.38e-07 s, where rows are 9.78e-06 s apart"
+    )
+
+
 def test_logs_that_do_not_overlap_are_told():
     logs = three_logs()
     logs["odometer"]["time"] = logs["odometer"]["time"] + 1.7e9

@@ -62,6 +62,8 @@ BAD = [
     ({"sensors": {}}, TypeError, "sensors must be a Sensor, or some of them by name, not {}"),
     ({"sensors": {"left wheel": sensor("gps")}}, ValueError,
      "sensors must have names like gps, not 'left wheel'"),
+    ({"name": ""}, TypeError, "name must be text, not ''"),
+    ({"name": 3}, TypeError, "name must be text, not 3"),
     ({"sensors": {3: sensor("gps")}}, ValueError, "sensors must have names like gps, not 3"),
     ({"sensors": {"gps": move}}, TypeError, "sensors must be of the class Sensor, and gps is not"),
     ({"sensors": {"gps": Sensor("h")}}, TypeError, "h of gps must be callable, not 'h'"),
@@ -149,7 +151,8 @@ def test_wrong_problems_are_refused(options, kind, message):
 def test_data_of_different_lengths_are_refused(name):
     short = {"gps": np.ones((4, 2)), "compass": np.ones((3, 1))}
     value = short if name in ("measurements", "sampled") else [None] * 3
-    with pytest.raises(ValueError, match=f"^{name} must have 4 steps, not 3$"):
+    of = " of compass" if value is short else ""
+    with pytest.raises(ValueError, match=f"^{name}{of} must have 4 steps, not 3$"):
         data(**{name: value})
 
 
@@ -389,6 +392,46 @@ def test_what_the_function_of_the_data_does_wrong_is_told():
     assert stubborn.with_data(steps=2).steps == 2
     with pytest.raises(ValueError, match=r"^steps must be between 1 and 4, not 5$"):
         stubborn.with_data(steps=5)
+
+
+def test_inputs_are_finite():
+    inputs = np.zeros((4, 2))
+    inputs[3, 1] = np.nan
+    message = "^inputs must be finite, not nan in "
+    with pytest.raises(ValueError, match=f"{message}turn of step 3$"):
+        make(inputs=("speed", "turn"), data=data(inputs=inputs))
+    with pytest.raises(ValueError, match=f"{message}number 1 of step 3$"):
+        make(data=data(inputs=inputs))
+    with pytest.raises(ValueError, match=f"{message}number 0 of step 2$"):
+        make(data=data(inputs=[0.0, 1.0, np.nan, 2.0]))
+    # What is no number is the model's affair.
+    assert make(data=data(inputs=["a", "b", "c", "d"])).steps == 4
+
+
+COMPARE = "must compare x of shape (4, 3) with the truth of shape (4, 3)"
+COLUMNS = "must give the shape (4, 1), a column for each of error_names (e), not "
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (lambda x, truth: x[:, :2], f"{COLUMNS}(4, 2)"),
+        (lambda x, truth: x[:, 0], f"{COLUMNS}(4,)"),
+        (lambda x, truth: None, f"{COLUMNS}()"),
+        (lambda x, truth: 1 / 0, f"{COMPARE}, and raised ZeroDivisionError: division by zero ("),
+    ],
+)
+def test_a_wrong_error_function_is_named(error, message):
+    made = make(
+        data=data(truth=np.zeros((4, 3))), error=error, error_names=("e",), error_units=("m",)
+    )
+    with pytest.raises(ValueError, match=re.escape(f"error of the problem 'cart' {message}")):
+        made.errors_of(np.zeros((4, 3)))
+
+
+def test_an_error_function_needs_names():
+    with pytest.raises(ValueError, match=r"^error_names must name what error gives, .*, not \(\)$"):
+        make(error=lambda x, truth: x)
 
 
 def test_the_first_steps_of_data():

@@ -51,6 +51,21 @@ def test_hook_sees_the_start_and_every_step():
     np.testing.assert_array_equal(seen[0][1], found.problem.x0)
 
 
+@pytest.mark.parametrize("kind", [KeyError, ValueError])
+def test_a_model_that_fails_says_at_which_step(kind):
+    scenario = random_scenario(TINY, steps=4)
+
+    def failing(x, w, u):
+        if np.array_equal(u, scenario.record.inputs[2]):
+            raise kind("device")
+        return scenario.f(x, w, u)
+
+    broken = replace(scenario, f=failing, vectorized=scenario.vectorized)
+    with pytest.raises(kind) as caught:
+        run(broken)
+    assert caught.value.__notes__[-1] == f"after 2 iterations, at {scenario.times[2]:.9g} s"
+
+
 def test_covariance_is_taken_on_request():
     scenario = random_scenario(TINY, steps=3)
     driver = golden_driver(TINY)

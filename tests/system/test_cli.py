@@ -339,6 +339,59 @@ def test_data_from_a_start_on(logged, ukf):
     assert "--ignore must name columns of the logs, time, push, state, dt, place" in unknown.stderr
 
 
+def test_data_of_a_sweep_need_accuracy(logged, ukf):
+    options = ("--pes", "1", "--no-resources", *logged[1:3], *logged[5:])
+    told = ukf("sweep", *options, code=2).stderr
+    assert "--data must come with --accuracy, which is judged on them" in told
+
+
+def test_a_nis_that_means_a_wrong_unit_is_told(logged, ukf, tmp_path):
+    rows = "".join(f"{0.1 * k:.1f},{1e3 * k},2\n" for k in range(20))
+    (tmp_path / "rest.csv").write_text(f"time,place,speed\n{rows}")
+    told = ukf(*logged, "--start", "1.0").stderr
+    assert "Warning: The mean NIS of gps is " in told
+
+
+RAISING = """
+import numpy as np
+from ukf_sw.problem import Data, Problem, Sensor
+
+def f(x, w, u):
+    if u > 1.0:
+        raise RuntimeError("no such table")
+    return x + w
+
+problem = Problem(
+    name="raising", f=f, x0=[0.0, 0.0], P0=np.eye(2), Q=[[1.0]],
+    sensors={"gps": Sensor(lambda x, v: x[:1] + v, R=[[4.0]])},
+    process_noise="augmented", observation_noise="augmented", pes=2,
+    data=Data(
+        times=np.arange(4.0), measurements=np.ones((4, 1)), inputs=np.arange(4.0),
+        truth=np.zeros((4, 2)),
+    ),
+)
+"""
+
+
+@pytest.mark.parametrize(
+    "command", ["run", pytest.param("cosim", marks=pytest.mark.system)], ids=str
+)
+def test_a_model_that_raises_is_told_in_sentences(command, ukf, tmp_path, core_cache):
+    (tmp_path / "raising.py").write_text(RAISING)
+    cosim = ("--steps", 4, "--cache", core_cache)
+    options = cosim if command == "cosim" else ("--backend", "reference")
+    code = {"run": 2, "cosim": 1}[command]
+    told = ukf(command, "--problem", "raising:problem", *options, code=code).stderr
+    assert "Traceback" not in told
+    lines = [line.strip() for line in told.splitlines()]
+    (first,) = (k for k, line in enumerate(lines) if line.startswith("Error: "))
+    assert lines[first] == (
+        f"Error: RuntimeError: no such table ({tmp_path / 'raising.py'}, line 7)"
+    )
+    assert lines[first + 1].startswith("in process model f (f), at sigma point 0, called with x")
+    assert lines[first + 2] == "after 2 iterations, at 2 s"
+
+
 def test_data_that_do_not_overlap_are_told_to_the_user(logged, ukf, tmp_path):
     rows = "".join(f"{1.7e9 + k:.1f},1,2\n" for k in range(20))
     (tmp_path / "rest.csv").write_text(f"time,place,speed\n{rows}")

@@ -22,6 +22,9 @@ _JITTER = 0.01
 #: Times that are nearer than this part of any interval are of one instant: nothing moves in it.
 _INSTANT = 1e-6
 
+#: Part of the shortest interval that times may be rounded by.
+_ROUNDED = 1e-3
+
 
 class LogWarning(UserWarning):
     """Logs that can be taken, but hardly are what was meant."""
@@ -80,10 +83,18 @@ def merge(tables: list[Table], start: float | None) -> Steps:
     Raises
     ------
     LogError
-        If nothing is left.
+        If nothing is left, or times are too large to tell the intervals.
     """
     shortest = min((float(np.diff(t.times).min()) for t in tables if len(t.times) > 1),
                    default=math.inf)  # fmt: skip
+    for table in tables:
+        spacing = float(np.spacing(np.abs(table.times).max()))
+        if spacing > _ROUNDED * shortest:
+            raise LogError(
+                f"times must be from a nearer origin: those of {table.name} are as large as "
+                f"{float(table.times[-1]):.10g} s and rounded to {spacing:.3g} s, where rows are "
+                f"{shortest:.3g} s apart"
+            )
     instant = _INSTANT * shortest if math.isfinite(shortest) else 0.0
     near = [_near(table, shortest) for table in tables]
     times = np.concatenate([table.times for table in tables])

@@ -24,6 +24,7 @@ when the first estimate was.
 """
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -93,6 +94,11 @@ class LogFiles:
         for text in texts:
             name, found, path = text.partition("=")
             label = name if found else ""
+            if label in files and not label:
+                raise LogError(
+                    f"data must have a name for each file, as gps=gps.csv, not only {files['']} "
+                    f"and {path or text}"
+                )
             if label in files:
                 raise LogError(f"data must have one file named {label!r}, not several")
             files[label] = Path(path if found else text).absolute()
@@ -151,7 +157,7 @@ def read_log(
     Warns
     -----
     LogWarning
-        If logs do not overlap in time.
+        If logs do not overlap in time, or inputs end before half of it.
     """
     if start is not None:
         start = as_number("start", start)
@@ -245,9 +251,10 @@ def _key_of(problem: Problem, known: Mapping[str, _Meaning], table: Table, colum
     if len(own) > 1:
         raise LogError(f"{column} of {table.name} must say whose it is, as {' or '.join(own)}")
     if not own:
+        also = ", or give the problem inputs={'dt': 's'} if f takes it" if column == DT else ""
         raise LogError(
             f"columns must be of {', '.join([TIME, *known])}, not {table.headings[column]!r} of "
-            f"{table.name}: name it in ignore if it is to be left out"
+            f"{table.name}: name it in ignore if it is to be left out{also}"
         )
     return own[0]
 
@@ -365,6 +372,7 @@ def _inputs(
         return None
     count = len(steps.times)
     inputs = np.empty((count, len(problem.inputs)))
+    begin, end = float(steps.times[0]), float(steps.times[-1])
     late: list[tuple[str, Table, int]] = []
     for k, (name, unit) in enumerate(cast("Mapping[str, str]", problem.inputs).items()):
         if name == DT:
@@ -375,6 +383,15 @@ def _inputs(
         there = np.flatnonzero(np.isfinite(table.columns[column]))
         if not len(there):
             raise LogError(f"{name} must be a number in a row of {table.name}, and is in none")
+        last = float(table.times[there[-1]])
+        if len(there) > 1 and end - last > last - begin:
+            warnings.warn(
+                f"inputs should go on as long as the logs, to {end!r} s, and {name} of "
+                f"{table.name} ends at {last!r} s and is held from there on: is its time, or that "
+                "of another log, in another unit?",
+                LogWarning,
+                stacklevel=3,
+            )
         newest = np.searchsorted(steps.places[number][there], np.arange(count), side="right") - 1
         if newest[0] < 0:
             late.append((name, table, int(there[0])))

@@ -8,7 +8,8 @@
     print(found.x[-1], found.errors[-1])
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.backends import Backend, make_backend
-from ukf_sw.errors import REFUSALS, StepError
+from ukf_sw.errors import REFUSALS, StepError, UkfError, add_note
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problem import Problem
 from ukf_sw.spec.fields import as_int
@@ -160,6 +161,18 @@ class Run(Estimates):
         return cls(problem=problem, **found)
 
 
+@contextmanager
+def _placed(k: int, time: float) -> Generator[None]:
+    """Note at which step of the data a model failed."""
+    try:
+        yield
+    except UkfError:  # knows its place
+        raise
+    except Exception as error:
+        add_note(error, f"after {k} iterations, at {time:.9g} s")
+        raise
+
+
 def run(
     problem: Problem,
     backend: Backend | str = "reference",
@@ -208,6 +221,8 @@ def run(
         If there are not that many steps, or no data.
     UkfError
         If a step of the filter fails and `ends_at` does not have it.
+    Exception
+        Whatever a model raises, with a note that says at which step.
     """
     data = problem.record
     total = data.steps if steps is None else as_int("steps", steps)
@@ -227,14 +242,15 @@ def run(
         if after_step is not None:
             after_step(0, ukf)
         for k in range(total):
-            ukf.predict(None if data.inputs is None else data.inputs[k])
-            extra = data.observation_arguments
-            arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-            for number, (name, z, sampled) in enumerate(sensors):
-                if sampled[k].any():
-                    ukf.update(z[k], mask=sampled[k], sensor=name, **arguments)
-                    nis[k, number] = ukf.nis
-                    gated[k] |= ukf.gated
+            with _placed(k, float(data.times[k])):
+                ukf.predict(None if data.inputs is None else data.inputs[k])
+                extra = data.observation_arguments
+                arguments: Mapping[str, Any] = {} if extra is None else extra[k]
+                for number, (name, z, sampled) in enumerate(sensors):
+                    if sampled[k].any():
+                        ukf.update(z[k], mask=sampled[k], sensor=name, **arguments)
+                        nis[k, number] = ukf.nis
+                        gated[k] |= ukf.gated
             last_x = x[k] = ukf.x
             done = k + 1
             if after_step is not None:

@@ -24,6 +24,7 @@ from rich.progress import (
 )
 from rich.progress import TimeElapsedColumn as Elapsed
 
+from ukf_sw.errors import UkfError, describe
 from ukf_sw.extras import MissingExtraError, require
 from ukf_tools.cli.names import in_options
 
@@ -92,11 +93,16 @@ def needs(*extras: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
 
 @contextmanager
 def checked() -> Iterator[None]:
-    """Turn complaints about arguments into messages."""
+    """Turn complaints about arguments, and what the user's models raise, into messages."""
     try:
         yield
     except (ValueError, TypeError) as error:
         fail("\n".join([str(error), *getattr(error, "__notes__", [])]))
+    except Exception as error:
+        notes = getattr(error, "__notes__", [])
+        if isinstance(error, UkfError) or not notes:
+            raise
+        fail("\n".join([describe(error), *notes]))
 
 
 def print_json(record: Any) -> None:

@@ -109,8 +109,9 @@ def cosim(
             )  # fmt: skip
         except SimulatorError as error:
             fail(str(error), 1)
-    reference = run(found.run.problem, steps=steps, ends_at=(StepError,))
-    judged = judge(found.run, reference)
+    with checked():
+        reference = run(found.run.problem, steps=steps, ends_at=(StepError,))
+        judged = judge(found.run, reference)
     if found.run.steps:
         drawn = {"core, simulated": found.run, "float64 reference": reference}
         plot_runs(image, drawn, core.title)
@@ -248,9 +249,11 @@ def _print_cosim(
             soft_wrap=True,
         )
     if found.mismatch is None:
+        stop = found.run.stop
+        until = "" if stop is None else f", until both stopped after {stop.iteration} iterations"
         results.print(
             f"[bold green]Bit-exact[/]: {found.words_compared} words of the core equal the "
-            "golden model's"
+            f"golden model's{until}"
         )
     else:
         results.print(f"[bold red]Not bit-exact[/]: {found.mismatch}", soft_wrap=True)

@@ -4,9 +4,12 @@ from rich.table import Table
 
 from ukf_sw.problems.judging import Judgement
 from ukf_sw.problems.running import Run
-from ukf_tools.cli.console import number, results
+from ukf_tools.cli.console import number, print_warning, results
 
 __all__ = ["name_of", "print_judgement", "print_stop"]
+
+#: A mean NIS that is this many times what is to be expected is not a matter of tuning.
+_SUSPICIOUS = 10.0
 
 
 def name_of(error: str, unit: str) -> str:
@@ -45,6 +48,12 @@ def print_judgement(judged: Judgement) -> None:
             nis = f"{sensor.nis:.2f}" if sensor.nis < 1e6 else number(sensor.nis)
             table.add_row(sensor.name, str(sensor.updates), nis, f"{sensor.rows:.4g}")
         results.print(table)
+        for sensor in judged.sensors:
+            if not sensor.nis < _SUSPICIOUS * sensor.rows:
+                print_warning(
+                    f"The mean NIS of {sensor.name} is {number(sensor.nis)} where "
+                    f"{sensor.rows:.4g} is to be expected: is its noise, a unit or its model wrong?"
+                )
     if judged.largest_difference_of_x is not None:
         ratio = "" if judged.rms_ratio is None else f"ratio of rms {number(judged.rms_ratio)}; "
         results.print(

@@ -106,8 +106,9 @@ def run(
                     fail(str(error), 1)
     own = found[backend]
     others = None if backend == "reference" else found["reference"]
-    judged = judge(own, others)
-    each_judged = [judge(*pair) for pair in zip(own, others or [None] * runs, strict=True)]
+    with checked():
+        judged = judge(own, others)
+        each_judged = [judge(*pair) for pair in zip(own, others or [None] * runs, strict=True)]
     if own[0].steps:
         drawn = {backend: own[0]}
         if others is not None:

@@ -123,6 +123,8 @@ def sweep(
             logs=log_files(data, ignore, start),
             conditions=Conditions(clock_mhz=clock_mhz, word_clocks=bus_latency),
         )
+        if accuracy is None and questions.logs is not None:
+            raise ValueError("--data must come with --accuracy, which is judged on them")
         if accuracy is not None and not any(_judges(questions, point) for point in points):
             raise ValueError(f"--accuracy must have the sizes of a point, not {accuracy!r}")
         if accuracy is not None:
