@@ -166,7 +166,7 @@ BAD_CALLS = [
      "mask must have the shape (1,), not (2,)"),
     (lambda ukf: ukf.set_R(np.eye(1)), TypeError, "sensor must be one of gps, compass, not None"),
     (lambda ukf: ukf.set_R(np.eye(2), "compass"), ValueError,
-     "R must have the shape (1, 1), not (2, 2)"),
+     "R of compass must have the shape (1, 1), not (2, 2)"),
     (lambda ukf: ukf.set_R(np.eye(1), "sonar"), ValueError,
      "sensor must be one of gps, compass, not 'sonar'"),
     (lambda ukf: setattr(ukf, "R", np.eye(3) + 0.1), ValueError,
