@@ -40,7 +40,7 @@ def test_pages_show_what_their_code_prints(page, core_cache):
 @pytest.mark.system
 def test_page_of_sensors_shows_what_slow_commands_print(core_cache):
     page = DOCS / "sensors.md"
-    assert len(SLOW.findall(page.read_text(encoding="utf-8"))) == 3
+    assert len(SLOW.findall(page.read_text(encoding="utf-8"))) == 4
     check(page, core_cache)
 
 
