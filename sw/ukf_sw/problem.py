@@ -560,14 +560,13 @@ class Problem:
                 f"inputs must have {len(self.inputs)} numbers in each step, for "
                 f"{', '.join(self.inputs)}, not {width}"
             )
-        if width is not None:
+        if self.inputs and width is not None:
             numbers = np.asarray(data.inputs, dtype=np.float64).reshape(data.steps, width)
             if not np.isfinite(numbers).all():
                 step, k = (int(i) for i in np.argwhere(~np.isfinite(numbers))[0])
-                name = [*self.inputs][k] if self.inputs else f"number {k}"
                 raise ValueError(
-                    f"inputs must be finite, not {float(numbers[step, k])!r} in {name} of step "
-                    f"{step}"
+                    f"inputs must be finite, not {float(numbers[step, k])!r} in "
+                    f"{[*self.inputs][k]} of step {step}"
                 )
         return replace(data, measurements=measurements, sampled=sampled)
 
