@@ -706,6 +706,6 @@ class Problem:
         if errors.shape != shape:
             raise ValueError(
                 f"{what} must give the shape {shape}, a column for each of error_names "
-                f"({', '.join(self.error_names) or 'none'}), not {errors.shape}"
+                f"({', '.join(self.error_names)}), not {errors.shape}"
             )
         return errors
