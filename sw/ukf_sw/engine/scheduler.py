@@ -11,6 +11,8 @@ import heapq
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
@@ -96,11 +98,69 @@ def _dependences(operations: Sequence[Operation], timing: Timing) -> list[list[t
     return result
 
 
+class _Demand(NamedTuple):
+    """What an operation takes of the array, in clocks from its issue.
+
+    Parameters
+    ----------
+    route, beats
+        Its way, and its issues, one every :attr:`Timing.beat_interval`.
+    port, bus
+        When it needs the write port, and when the scalar bus.
+    """
+
+    route: Route
+    beats: int
+    port: tuple[int, ...]
+    bus: tuple[int, ...]
+
+
+def _demand(operation: Operation, timing: Timing) -> _Demand:
+    delay = timing.result(operation)
+    root = (delay + timing.pipeline.reciprocal_sqrt,) if operation.root else ()
+    return _Demand(
+        operation.kind.route,
+        len(operation.beats),
+        (delay, *root) if operation.destination is not None else root,
+        (delay, *root) if operation.kind.is_scalar else root,
+    )
+
+
+class _Strategy(NamedTuple):
+    """What to place first, and how long an operation may wait for its phase.
+
+    The adders of the lanes also form the tree of the dot products. If all dot products begin on
+    clocks of one phase of the adders' latency, and all operations of the lanes on others, none ever
+    meets the other there. To wait for that costs clocks here and gains some later.
+
+    Parameters
+    ----------
+    dots, lanes
+        Clocks that a dot product, and an operation of the lanes, waits at most.
+    counts_issues
+        Whether the urgency of an operation counts the issue slots of its chain beside the clocks.
+    """
+
+    dots: int
+    lanes: int
+    counts_issues: bool
+
+
+_FOR_EVER = 1 << 30
+
+#: Waits for the phase that are tried, of dot products and of the lanes.
+_WAITS = tuple((dots, lanes) for dots in (8, _FOR_EVER, 2, 0) for lanes in (1, 8, 0))
+_NO_WAIT = ((0, 0),)
+
+
 class _Reservations:
     """Stages of the array, each with the clocks on which it is taken."""
 
-    def __init__(self, timing: Timing) -> None:
-        self._timing = timing
+    def __init__(self, timing: Timing, strategy: _Strategy) -> None:
+        self._interval = timing.beat_interval
+        self._levels = [level * timing.pipeline.add for level in range(1, timing.levels + 1)]
+        self._accumulate = timing.accumulate - timing.product
+        self._strategy = strategy
         self._issue: int = 0
         self._write_port: int = 0
         self._scalar_bus: int = 0
@@ -109,53 +169,66 @@ class _Reservations:
         self._no_scale: int = 0
         self._no_dot: int = 0
 
-    def place(self, operation: Operation, ready: int) -> int:
+    def place(self, demand: _Demand, ready: int) -> int:
         """Take the stages that an operation needs, from the earliest possible clock on."""
-        timing = self._timing
-        route, beats = operation.kind.route, len(operation.beats)
+        route, beats, on_port, on_bus = demand
         taken = self._issue
         if route is Route.TREE:
             one = self._issue | self._no_dot
             taken = 0
             for k in range(beats):
-                taken |= one >> k * timing.beat_interval
+                taken |= one >> k * self._interval
         elif route is Route.LAST_LANE:
             taken |= self._no_scale
         elif route is not Route.PORT:
             taken |= self._no_lanes
-        delay = timing.result(operation)
-        root = delay + timing.pipeline.reciprocal_sqrt
-        on_port = [delay] * (operation.destination is not None) + [root] * bool(operation.root)
-        on_bus = [delay] * operation.kind.is_scalar + [root] * bool(operation.root)
         for offset in on_port:
             taken |= self._write_port >> offset
         for offset in on_bus:
             taken |= self._scalar_bus >> offset
 
-        taken >>= ready
-        clock = ready + (~taken & (taken + 1)).bit_length() - 1
+        clock = self._choose(route, taken, ready)
 
         for offset in on_port:
             self._write_port |= 1 << clock + offset
         for offset in on_bus:
             self._scalar_bus |= 1 << clock + offset
-        levels = [level * timing.pipeline.add for level in range(1, timing.levels + 1)]
         for k in range(beats):
-            issue = clock + k * timing.beat_interval
+            issue = clock + k * self._interval
             self._issue |= 1 << issue
             if route is Route.TREE:
-                for offset in levels:
+                for offset in self._levels:
                     self._no_lanes |= 1 << issue + offset
-                self._no_scale |= 1 << issue + timing.accumulate - timing.product
+                self._no_scale |= 1 << issue + self._accumulate
             elif route is not Route.PORT:
-                for offset in levels[-1:] if route is Route.LAST_LANE else levels:
+                for offset in self._levels[-1:] if route is Route.LAST_LANE else self._levels:
                     if issue >= offset:
                         self._no_dot |= 1 << issue - offset
         return clock
 
+    def _choose(self, route: Route, taken: int, ready: int) -> int:
+        """Give the clock to issue on: the first that is free, or one of the right phase if near."""
+        first = clock = _first_free(taken, ready)
+        if route in (Route.TREE, Route.LANES):
+            is_dot = route is Route.TREE
+            last = first + (self._strategy.dots if is_dot else self._strategy.lanes)
+            while (clock % self._interval == 0) is not is_dot:
+                clock = _first_free(taken, clock + 1)
+                if clock > last:
+                    return first
+        return clock
+
+
+def _first_free(taken: int, start: int) -> int:
+    """Give the first clock from `start` on that is not taken."""
+    taken >>= start
+    return start + (~taken & (taken + 1)).bit_length() - 1
+
 
 def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
-    """Place the operations of a program.
+    """Place the operations of a program, by several strategies; the shortest schedule is kept.
+
+    Equal arguments give equal schedules.
 
     Parameters
     ----------
@@ -164,35 +237,68 @@ def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
     timing
         Latencies of the array.
     """
-    predecessors = _dependences(operations, timing)
-    successors: list[list[tuple[int, int]]] = [[] for _ in operations]
-    for index, edges in enumerate(predecessors):
-        for predecessor, distance in edges:
-            successors[predecessor].append((index, distance))
+    scheduler = _Scheduler(operations, timing)
+    has_phases = timing.levels > 0 and timing.beat_interval > 1
+    best: Schedule | None = None
+    for counts_issues, waits in product((True, False), _WAITS if has_phases else _NO_WAIT):
+        strategy = _Strategy(*waits, counts_issues)
+        issue = scheduler.place(strategy, None if best is None else best.length)
+        if issue is not None:
+            best = Schedule(operations, issue, timing, scheduler.length(issue))
+    assert best is not None
+    return best
 
-    # Urgency: clocks from issue to the end of the longest chain that begins here.
-    finish = [_finish(operation, timing) for operation in operations]
-    urgency = list(finish)
-    for index in reversed(range(len(operations))):
-        for successor, distance in successors[index]:
-            urgency[index] = max(urgency[index], distance + urgency[successor])
 
-    waiting = [len(edges) for edges in predecessors]
-    ready = [0] * len(operations)
-    issue = [0] * len(operations)
-    heap = [(-urgency[index], index) for index, count in enumerate(waiting) if not count]
-    heapq.heapify(heap)
-    reservations = _Reservations(timing)
-    while heap:
-        _, index = heapq.heappop(heap)
-        issue[index] = reservations.place(operations[index], ready[index])
-        for successor, distance in successors[index]:
-            ready[successor] = max(ready[successor], issue[index] + distance)
-            waiting[successor] -= 1
-            if not waiting[successor]:
-                heapq.heappush(heap, (-urgency[successor], successor))
-    length = max((at + end for at, end in zip(issue, finish, strict=True)), default=0)
-    return Schedule(operations, issue, timing, length)
+class _Scheduler:
+    """Places the operations of a program, the most urgent of those that are ready first."""
+
+    def __init__(self, operations: Sequence[Operation], timing: Timing) -> None:
+        self._timing = timing
+        self._demands = [_demand(operation, timing) for operation in operations]
+        self._finish = [_finish(operation, timing) for operation in operations]
+        self._waiting: list[int] = []
+        self._successors: list[list[tuple[int, int]]] = [[] for _ in operations]
+        for index, edges in enumerate(_dependences(operations, timing)):
+            self._waiting.append(len(edges))
+            for predecessor, distance in edges:
+                self._successors[predecessor].append((index, distance))
+        #: Clocks from issue to the end of the longest chain that begins with an operation.
+        self._chain = self._urgency(0)
+        self._chain_of_issues = self._urgency(1)
+
+    def _urgency(self, cost: int) -> list[int]:
+        """Give the length of the longest chain from each operation, with `cost` for each issue."""
+        urgency = list(self._finish)
+        for index in reversed(range(len(urgency))):
+            issues = cost * self._demands[index].beats
+            for successor, distance in self._successors[index]:
+                urgency[index] = max(urgency[index], issues + distance + urgency[successor])
+        return urgency
+
+    def length(self, issue: Sequence[int]) -> int:
+        """Clocks until the last result is written."""
+        return max((at + end for at, end in zip(issue, self._finish, strict=True)), default=0)
+
+    def place(self, strategy: _Strategy, limit: int | None) -> list[int] | None:
+        """Give the clock on which each operation issues; None if that takes `limit` clocks."""
+        urgency = self._chain_of_issues if strategy.counts_issues else self._chain
+        reservations = _Reservations(self._timing, strategy)
+        left = list(self._waiting)
+        ready = [0] * len(left)
+        issue = [0] * len(left)
+        heap = [(-urgency[index], index) for index, count in enumerate(left) if not count]
+        heapq.heapify(heap)
+        while heap:
+            _, index = heapq.heappop(heap)
+            clock = issue[index] = reservations.place(self._demands[index], ready[index])
+            if limit is not None and clock + self._chain[index] >= limit:
+                return None
+            for successor, distance in self._successors[index]:
+                ready[successor] = max(ready[successor], clock + distance)
+                left[successor] -= 1
+                if not left[successor]:
+                    heapq.heappush(heap, (-urgency[successor], successor))
+        return issue
 
 
 def _finish(operation: Operation, timing: Timing) -> int:
