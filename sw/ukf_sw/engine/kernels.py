@@ -86,11 +86,10 @@ def mean_residual(
         Observation whose mask clears mean and residual.
     """
     layout = builder.layout
-    sigma = [(layout.sigma, layout.rhs)]
     value = builder.dot(
         [
             (points.word(beat), layout.weights.word(beat), lanes)
-            for beat, lanes in builder.lanes_by_beat(sigma).items()
+            for beat, lanes in builder.lanes_by_beat([layout.points]).items()
         ],
         store=mean,
         observation=observation,
@@ -235,9 +234,9 @@ def sig_gen(
     L: dict[tuple[int, int], Scalar],
     state: Sequence[tuple[Scalar, bool]],
 ) -> None:
-    """Sigma points of the state, X = x + L sigma (2018, equation 8), columns 0 to n + 1.
+    """Sigma points of the state, X = x + L sigma (2018, equation 8), up to point n + 1.
 
-    The other columns equal x and are not written.
+    The others equal x and are not written.
 
     Parameters
     ----------
@@ -248,10 +247,10 @@ def sig_gen(
     """
     layout = builder.layout
     n = layout.params.n
-    columns = [(layout.sigma, layout.sigma + n + 2)]
+    columns = [(layout.points[0], n + 2)]
     for i in range(n):
         terms = [
-            (L[i, j], layout.state_sigma[j], [(layout.sigma + 1, layout.sigma + j + 3)])
+            (L[i, j], layout.state_sigma[j], [(1, j + 3)])
             for j in range(i + 1)
         ]
         scalar, negative = state[i]

@@ -4,10 +4,13 @@ Every matrix row is a vector: element ``k`` lies in lane ``k mod P``, beat ``k d
 beats of a vector are consecutive addresses, the same in every lane. The rows of sigma points and
 of residuals share one set of columns::
 
-    additive r noise | sigma points | right-hand side | additive q noise
+    sigma points 0 to N - 1 | right-hand side | additive r noise | additive q noise
 
 so that the residual matrix ``E`` of the design, with the innovation as one more column, can be
-formed in place, column by column.
+formed in place, column by column. With W0 = 0 sigma point 0 has no weight, and the right-hand side
+takes its column::
+
+    right-hand side | sigma points 1 to N - 1 | additive r noise | additive q noise
 """
 
 from dataclasses import dataclass
@@ -88,8 +91,13 @@ class Layout:
 
     Attributes
     ----------
-    sigma, rhs, columns
-        Column of sigma point 0, column of the right-hand side, number of columns.
+    points
+        Columns of the sigma points that have a weight: the first one, and one after the last one.
+        Sigma point k is column k.
+    rhs, columns
+        Column of the right-hand side, number of columns.
+    noise_r, noise_q
+        Columns of additive noise, as those of the points.
     vectors
         All vectors, in the order of their addresses.
     address_width
@@ -98,9 +106,12 @@ class Layout:
 
     def __init__(self, params: UkfParams) -> None:
         self.params = p = params
-        self.sigma = p.columns_of_r
-        self.rhs = self.sigma + p.N
-        self.columns = self.rhs + 1 + p.additive_q
+        self.points = (p.points.start, p.points.stop)
+        self.rhs = 0 if p.points.start else p.N
+        before_noise = max(p.N, self.rhs + 1)
+        self.noise_r = (before_noise, before_noise + p.columns_of_r)
+        self.noise_q = (self.noise_r[1], self.noise_r[1] + p.additive_q)
+        self.columns = self.noise_q[1]
         #: Column of the right-hand side in a row of the joint covariance.
         self.joint_rhs = p.largest_sensor + p.n
         #: Column of the right-hand side in the rows that an update eliminates.
@@ -112,7 +123,7 @@ class Layout:
     def _place(self) -> bool:
         """Give every vector a place; False if the memories are too small for them."""
         p = self.params
-        full, to_rhs, points = (0, self.columns), (0, self.rhs + 1), (self.sigma, self.rhs)
+        full, observation, points = (0, self.columns), (0, self.noise_r[1]), (0, p.N)
         self._constants: list[tuple[Vector, NDArray[np.float64]]] = []
         self.vectors: list[Vector] = []
         self._next = 0
@@ -129,7 +140,7 @@ class Layout:
         self.X = self._vectors("X", p.n, full)
         self.W = self._vectors("W", p.augmented_q, points)
         self.V = self._vectors("V", p.augmented_r, points)
-        self.Z = self._vectors("Z", p.m, to_rhs)
+        self.Z = self._vectors("Z", p.m, observation)
         #: Covariance, and the factors of augmented noise.
         self.P = self._vectors("P", p.n, (0, p.n))
         self.LQ = self._vectors("LQ", p.augmented_q, (0, p.augmented_q))
@@ -140,7 +151,7 @@ class Layout:
         self.Ex = self._vectors("Ex", p.n, full)
         #: Residuals of the observations of a sensor; one with fewer has the last rows, so that its
         #: rows are next to those of the state in the elimination, as are its columns below.
-        self.Ez = self._vectors("Ez", p.largest_sensor, to_rhs)
+        self.Ez = self._vectors("Ez", p.largest_sensor, observation)
         joint = (0, self.joint_rhs + 1)
         covariance = p.form is Form.COVARIANCE
         #: Upper rows of the joint covariance of observation and state; those of the state are
@@ -156,11 +167,13 @@ class Layout:
         ]
 
         root = unit(p)
+        before_noise = self.noise_r[0]
         scale = np.full(self.columns, 1.0 / root)
-        scale[self.sigma : self.rhs + 1] = 1.0
-        scale[self.sigma] = np.sqrt(p.W0) / root
+        scale[:before_noise] = 1.0
+        if p.W0:
+            scale[0] = np.sqrt(p.W0) / root
         ones = np.zeros(self.columns)
-        ones[self.sigma : self.rhs + 1] = 1.0
+        ones[:before_noise] = 1.0
         self.weights = self._constant("weights", points, weights(p))
         self.ones = self._constant("ones", full, ones)
         #: What turns residuals into units of sqrt(W1).
@@ -171,7 +184,7 @@ class Layout:
         self.weight = self._broadcast("weight", root**2)
         self.inverse_weight = self._broadcast("inverse_weight", root**-2)
         self.state_sigma = [
-            self._constant(f"state_sigma[{j}]", (self.sigma, self.sigma + p.n + 2), row)
+            self._constant(f"state_sigma[{j}]", (0, p.n + 2), row)
             for j, row in enumerate(state_coefficients(p))
         ]
         self.noise_sigma = [
@@ -249,10 +262,10 @@ class Layout:
     def spans(self) -> dict[str, tuple[int, int]]:
         """Columns of the rows, from the first up to the last, exclusive, by name for people."""
         spans = {
-            "additive observation noise": (0, self.sigma),
-            "sigma points": (self.sigma, self.rhs),
+            "sigma points": self.points,
             "right-hand side": (self.rhs, self.rhs + 1),
-            "additive process noise": (self.rhs + 1, self.columns),
+            "additive observation noise": self.noise_r,
+            "additive process noise": self.noise_q,
         }
         return {name: (start, stop) for name, (start, stop) in spans.items() if stop > start}
 
@@ -282,16 +295,14 @@ class Layout:
     def buffer_vector(self, symbol: str, row: int) -> tuple[Vector, int]:
         """Find the vector that holds a row of a buffer region, and the column of its element 0."""
         p = self.params
-        if symbol in ("W", "V", "X", "Z"):
-            return getattr(self, symbol)[row], self.sigma
         if symbol == "z":
             return self.Z[row], self.rhs
         if symbol == "x":
             return self.x, 0
         if symbol == "LQ" and p.additive_q:
-            return self.X[row], self.rhs + 1
+            return self.X[row], self.noise_q[0]
         if symbol == "LR" and p.additive_r:
-            return self.Z[row], 0
+            return self.Z[row], self.noise_r[0]
         return getattr(self, symbol)[row], 0
 
     def buffer_location(

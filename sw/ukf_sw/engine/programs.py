@@ -55,31 +55,65 @@ class _Columns:
     """
 
     def __init__(self, layout: Layout, rows: int | None = None) -> None:
-        self.sigma: Columns = [(layout.sigma, layout.rhs)]
-        noise = self._observation_noise(layout, layout.sigma if rows is None else rows)
-        #: What an observation row has: additive r noise, sigma points, right-hand side.
-        self.observation: Columns = [*noise, (layout.sigma, layout.rhs + 1)]
-        #: Its inner products.
-        self.observation_dots: Columns = [*noise, (layout.sigma, layout.rhs)]
-        #: Its columns that take a factor.
-        self.observation_scaled: Columns = [*noise, (layout.sigma, layout.sigma + 1)]
-        self.all: Columns = [(0, layout.columns)]
-        #: Additive q noise.
-        self.process_noise: Columns = [(layout.rhs + 1, layout.columns)]
-        #: Columns of state rows that take a factor.
-        self.state_scaled: Columns = [(layout.sigma, layout.sigma + 1), *self.process_noise]
-        #: Inner products of state rows: all but the right-hand side.
-        self.state_dots: Columns = [*self.observation_dots, *self.process_noise]
+        self._layout = layout
+        self._rows = layout.params.columns_of_r if rows is None else rows
+        self.points: Columns = [layout.points]
+        self._point_0: Columns = [(0, 1)] if layout.params.W0 else []
+        #: Sigma points and right-hand side.
+        self.no_noise: Columns = [*self.points, (layout.rhs, layout.rhs + 1)]
+        #: What an observation row has: these, and additive r noise.
+        self.observation: Columns = [*self.no_noise, *self._noise_beats()]
 
-    @staticmethod
-    def _observation_noise(layout: Layout, rows: int) -> Columns:
+    def _noise_beats(self) -> Columns:
         """Columns of additive r noise, and those beside them that share a beat with others.
 
         The latter are zero, and a beat that moves takes them along.
         """
-        pes, sigma = layout.params.pes, layout.sigma
-        used = min(-(-rows // pes) * pes, sigma) if sigma else 0
-        return [(0, used), (max(used, sigma - sigma % pes), sigma)]
+        layout, pes = self._layout, self._layout.params.pes
+        start, stop = layout.noise_r
+        used = {column // pes for column in (*range(start), *range(start, start + self._rows))}
+        return [(k, k + 1) for k in range(start, stop) if k // pes in used]
+
+    # Factors of noise are lower triangular, and elimination leaves them so: row i has noise in
+    # columns 0 to i, as have its multiples.
+
+    def _observation_noise(self, row: int) -> Columns:
+        """Additive r noise of a row of the sensor."""
+        start = self._layout.noise_r[0]
+        return [(start, start + min(row + 1, self._layout.params.columns_of_r))]
+
+    def process_noise(self, row: int) -> Columns:
+        """Additive q noise of a state."""
+        start = self._layout.noise_q[0]
+        return [(start, start + min(row + 1, self._layout.params.additive_q))]
+
+    def observation_scaled(self, row: int) -> Columns:
+        """Columns of a row of the sensor that take a factor."""
+        return [*self._point_0, *self._observation_noise(row)]
+
+    def observation_dots(self, row: int) -> Columns:
+        """Columns of its inner products with rows below it, of observations or of states."""
+        return [*self.points, *self._observation_noise(row)]
+
+    def observation_changes(self, row: int) -> Columns:
+        """Columns of the rows below it that it changes in the elimination."""
+        return [*self.no_noise, *self._observation_noise(row)]
+
+    def state(self, row: int) -> Columns:
+        """What a state has before an update."""
+        return [*self.no_noise, *self.process_noise(row)]
+
+    def state_scaled(self, row: int) -> Columns:
+        """Columns of a state that take a factor."""
+        return [*self._point_0, *self.process_noise(row)]
+
+    def state_dots(self, row: int) -> Columns:
+        """Columns of its inner products with states below it, before an update."""
+        return [*self.points, *self.process_noise(row)]
+
+    def updated_dots(self, row: int) -> Columns:
+        """The same when observations have been eliminated, which leaves their noise in it."""
+        return [*self.observation_dots(self._rows - 1), *self.process_noise(row)]
 
 
 def _no_factor(i: int, j: int) -> None:
@@ -101,7 +135,7 @@ def _predicted_gram(b: ProgramBuilder) -> None:
     rows = [Row(vector, vector) for vector in layout.Ex]
     for i in range(n):
         for k in range(i, n):
-            gram(b, rows[i], rows[k], _Columns(layout).state_dots, (layout.Ax[i], before + k))
+            gram(b, rows[i], rows[k], _Columns(layout).state_dots(i), (layout.Ax[i], before + k))
         b.load(layout.Ex[i], layout.rhs, store=(layout.Ax[i], layout.joint_rhs))
 
 
@@ -118,14 +152,19 @@ def _init(b: ProgramBuilder) -> None:
             vector, offset = layout.buffer_vector(symbol, i)
             for j in range(length):
                 b.load(vector, offset + j)
+    # Above the diagonal the factors are zero, whatever the bus has written.
+    sensors = [layout.Z[rows.start : rows.stop] for rows in map(p.rows_of, range(len(p.sensor_rows)))]
+    for rows, (start, stop) in ((layout.X, layout.noise_q), *((Z, layout.noise_r) for Z in sensors)):
+        for i, row in enumerate(rows):
+            b.multiply(row, layout.ones, layout.ones, [(start + i + 1, stop)])
     first = 0
     for factor, points in ((layout.LQ, layout.W), (layout.LR, layout.V)):
         for i, row in enumerate(points):
             terms = [
-                (b.load(factor[i], j), layout.noise_sigma[first + j], _Columns(layout).sigma)
+                (b.load(factor[i], j), layout.noise_sigma[first + j], _Columns(layout).points)
                 for j in range(i + 1)
             ]
-            multiply_add(b, row, None, terms, _Columns(layout).sigma)
+            multiply_add(b, row, None, terms, _Columns(layout).points)
         first += len(points)
 
 
@@ -158,7 +197,7 @@ def _sig_gen_predicted(b: ProgramBuilder) -> None:
         rows = [Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)]
         factor = trisolve(
             b, rows, layout.roots[before:], 0, p.n,
-            pivots=lambda j: (columns.state_dots, columns.state_dots),
+            pivots=lambda j: (columns.state_dots(j), columns.state_dots(j)),
             gram_schmidt=True, factor=_store_factor(layout, 0), pivot_offset=p.m,
         )  # fmt: skip
     else:
@@ -175,7 +214,9 @@ def _sig_gen_predicted(b: ProgramBuilder) -> None:
 def _predict(b: ProgramBuilder) -> None:
     layout, columns = b.layout, _Columns(b.layout)
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
-        mean_residual(b, points, residual, columns.all, columns.state_scaled, mean=(layout.x, i))
+        mean_residual(
+            b, points, residual, columns.state(i), columns.state_scaled(i), mean=(layout.x, i)
+        )
     if layout.params.form is Form.COVARIANCE:
         _predicted_gram(b)
 
@@ -183,25 +224,31 @@ def _predict(b: ProgramBuilder) -> None:
 def _update_redrawn(b: ProgramBuilder) -> None:
     layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
     # Sigma points that SIG_GEN did not write, for they equal x.
-    rest = [(layout.sigma + p.n + 2, layout.rhs)]
+    rest = [(p.n + 2, p.N)]
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
         state = b.load(layout.x, i)
         b.axpy(points, None, state, layout.ones, rest)
         # Point 0 equals x, so its residual is zero without a factor.
-        b.axpy(residual, points, state, layout.ones, columns.observation, subtract=True)
-        b.axpy(residual, None, state, layout.ones, columns.process_noise)  # ones is zero there
+        b.axpy(residual, points, state, layout.ones, columns.no_noise, subtract=True)
+        b.axpy(residual, None, state, layout.ones, columns.process_noise(i))  # ones is zero there
     if p.form is Form.COVARIANCE:
         _predicted_gram(b)
 
 
-def _residual_columns(
-    layout: Layout, columns: _Columns
-) -> Callable[[int], tuple[Columns, Columns]]:
-    """Columns of the residuals for pivot j: of its inner products, and that it changes."""
-    before = layout.params.largest_sensor
-    observation = (columns.observation_dots, columns.observation)
-    state = (columns.state_dots, columns.state_dots)
-    return lambda j: observation if j < before else state
+def _residual_columns(layout: Layout, rows: int) -> Callable[[int], tuple[Columns, Columns]]:
+    """Columns of the residuals for pivot j: of its inner products, and that it changes.
+
+    Pivots are the rows of a sensor, so many, and then the states.
+    """
+    columns, last = _Columns(layout, rows), layout.params.largest_sensor
+    first = last - rows
+
+    def find(j: int) -> tuple[Columns, Columns]:
+        if j < last:
+            return columns.observation_dots(j - first), columns.observation_changes(j - first)
+        return columns.updated_dots(j - last), columns.updated_dots(j - last)
+
+    return find
 
 
 def _joint_rows(layout: Layout) -> list[Row]:
@@ -225,23 +272,23 @@ def _update(b: ProgramBuilder, sensor: int) -> None:
     first = last - len(observed)
     for i, residual in zip(observed, layout.Ez[first:], strict=True):
         mean_residual(
-            b, layout.Z[i], residual, columns.observation, columns.observation_scaled,
-            observation=i,
+            b, layout.Z[i], residual, columns.observation,
+            columns.observation_scaled(i - observed.start), observation=i,
         )  # fmt: skip
 
     if p.form is Form.SQUARE_ROOT:
         rows = [Row(row, row) for row in layout.Ez] + [
             Row(source, target) for source, target in zip(layout.Ex, layout.G, strict=True)
         ]
-        pivots = _residual_columns(layout, columns)
+        pivots = _residual_columns(layout, len(observed))
     else:
         z = [Row(row, row) for row in layout.Ez]
         x = [Row(row, row) for row in layout.Ex]
         for i in range(first, last):
             for k in range(i, last):
-                gram(b, z[i], z[k], columns.observation_dots, (layout.Az[i], k))
+                gram(b, z[i], z[k], columns.observation_dots(i - first), (layout.Az[i], k))
             for k in range(n):
-                gram(b, z[i], x[k], columns.sigma, (layout.Az[i], last + k))
+                gram(b, z[i], x[k], columns.points, (layout.Az[i], last + k))
             b.load(layout.Ez[i], layout.rhs, store=(layout.Az[i], layout.joint_rhs))
         rows, pivots = _joint_rows(layout), _joint_columns(layout)
 
@@ -286,7 +333,7 @@ def _covariance_predicted(b: ProgramBuilder) -> None:
     rows = [Row(vector, vector) for vector in layout.Ex]
     for i in range(n):
         for k in range(n):
-            product = gram(b, rows[i], rows[k], _Columns(layout).state_dots)
+            product = gram(b, rows[i], rows[k], _Columns(layout).state_dots(min(i, k)))
             b.scale(product, layout.weight, store=(layout.P[i], k))
 
 

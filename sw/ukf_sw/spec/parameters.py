@@ -57,14 +57,15 @@ class UkfParams:
     process_noise, observation_noise
         How they enter the models.
     W0
-        Weight of sigma point 0, in [0, 1). The points lie at the radius sqrt(M / (1 - W0)).
+        Weight of sigma point 0, in [0, 1). The points lie at the radius sqrt(M / (1 - W0)). With 0,
+        the default, there is no point 0: no model is evaluated there.
     form
         How the update is computed.
     format
         Number format.
     pes
-        Number of processing elements, 1 to :attr:`columns`. It decides the order of summation,
-        so it belongs to what is computed.
+        Number of processing elements, 1 to one more than :attr:`columns`, for the right-hand side
+        is a column as well. It decides the order of summation, so it belongs to what is computed.
 
     Raises
     ------
@@ -127,9 +128,10 @@ class UkfParams:
             raise ValueError(f"q must be 0 or n = {self.n} for additive noise, not {self.q!r}")
         if self.observation_noise is Noise.ADDITIVE and self.r not in (0, self.m):
             raise ValueError(f"r must be 0 or m = {self.m} for additive noise, not {self.r!r}")
-        if self.pes > self.columns:
+        if self.pes > self.columns + 1:
             raise ValueError(
-                f"pes must be between 1 and the number of columns, {self.columns}, not {self.pes!r}"
+                f"pes must be between 1 and {self.columns + 1}, one more than the number of "
+                f"columns, not {self.pes!r}"
             )
 
     @property
@@ -179,8 +181,25 @@ class UkfParams:
 
     @property
     def N(self) -> int:
-        """Number of sigma points."""
+        """Number of sigma points, point 0 included."""
         return self.M + 2
+
+    @property
+    def points(self) -> range:
+        """Numbers of the sigma points that have a weight: without W0 all but point 0.
+
+        What has no weight has no influence, so nothing computes with it.
+        """
+        return range(0 if self.W0 else 1, self.N)
+
+    @property
+    def centre(self) -> int:
+        """Number of the sigma point that angles are wrapped to.
+
+        It is point 0, which equals the mean; without W0 it is the last point, which of all others
+        differs from the mean in the fewest elements: only in the last one of x, w and v together.
+        """
+        return 0 if self.W0 else self.N - 1
 
     @property
     def W1(self) -> float:
@@ -189,8 +208,8 @@ class UkfParams:
 
     @property
     def columns(self) -> int:
-        """Number of columns of the residual matrix E: sigma points and additive noise terms."""
-        return self.N + self.additive_q + self.columns_of_r
+        """Columns of the residual matrix E: sigma points with weight, additive noise terms."""
+        return len(self.points) + self.additive_q + self.columns_of_r
 
 
 @dataclass(frozen=True, kw_only=True)
