@@ -96,7 +96,7 @@ class Backend(Protocol):
         ...
 
     def noise_points(self) -> tuple[Array, Array]:
-        """Sigma points of w (q, N) and v (r, N); zeros for additive noise."""
+        """Sigma points of w (q, K) and v (r, K); zeros for additive noise."""
         ...
 
     def redraw(self) -> None:
@@ -104,7 +104,7 @@ class Backend(Protocol):
         ...
 
     def sigma_points(self) -> Array:
-        """Sigma points of the state (n, N), drawn anew if the estimate has changed."""
+        """Sigma points of the state (n, K), drawn anew if the estimate has changed."""
         ...
 
     def predict(self, points: Array) -> Array:

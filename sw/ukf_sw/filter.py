@@ -102,14 +102,15 @@ class UnscentedKalmanFilter:
         self._params = params = problem.params
         self._f = CheckedModel(
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
-            rows=params.n, vectorized=problem.vectorized,
+            rows=params.n, points=params.points, centre=params.centre,
+            vectorized=problem.vectorized,
             angles=cast("tuple[int, ...]", problem.state_angles),
         )  # fmt: skip
         self._h = tuple(
             CheckedModel(
                 problem.sensor(name).h, role="observation model " + of_sensor("h", name),
                 takes=("x", "v"), asked_by="update", rows=len(params.rows_of(number)),
-                vectorized=problem.vectorized,
+                points=params.points, centre=params.centre, vectorized=problem.vectorized,
                 angles=cast("tuple[int, ...]", problem.sensor(name).angles),
             )
             for number, name in enumerate(problem.sensor_names)
@@ -503,7 +504,7 @@ class UnscentedKalmanFilter:
         results = h(points, noise, keywords=arguments, used_rows=used)
         for row in h.angles:
             if used[row]:
-                observation[row] = wrap(observation[row], results[row, 0])
+                observation[row] = wrap(observation[row], results[row, h.centre])
         with self._certainty:
             nis, gated = self._backend.update(results, observation, used, number)
             if not gated:

@@ -12,17 +12,22 @@ the result. A noise that is *additive* arrives as zeros of the same shape, becau
 so one model may serve both. The filters of filterpy become ``lambda x, w, u: fx(x, dt)`` and
 ``lambda x, v: hx(x)``, with additive noise.
 
-Models are called once for each sigma point; *vectorized* models once for all of them, with one
-column for each sigma point: x (n, N), w (q, N), v (r, N), results (n, N) and (m, N). A model that
-indexes rows only (``x[0] + x[1]``) works both ways.
+Models are called once for each sigma point that has a weight, :attr:`UkfParams.points`, K in all:
+with W0 = 0, the default, not for point 0. *Vectorized* models are called once for all of them, with
+one column for each: x (n, K), w (q, K), v (r, K), results (n, K) and (m, K). A model that indexes
+rows only (``x[0] + x[1]``) works both ways.
 
-Angles are wrapped relative to sigma point 0, so that no mean is taken across the cut at +-pi.
+Angles are wrapped to within half a turn of those of one sigma point, :attr:`UkfParams.centre`, so
+that no mean is taken across the cut at +-pi. Point 0 is at the mean. With W0 = 0 it is the last
+point, from which others can be farther away: by sqrt(M) + 1 / sqrt(M) standard deviations instead of
+sqrt(M) in the last element of x, w and v together, and no farther than from the mean in all others.
 
 A model must be a function in the mathematical sense: equal arguments give equal results, and the
 arguments stay as they are. Kind, shape and NaN of the results and changed arguments are looked for
 in every call. Whether equal arguments give equal results is looked at in the first, second, fourth,
 eighth, ... call of a filter: it sends two sigma points through the model again. A vectorized model
-gets those two alone, in another order, so one that mixes columns is found as well.
+gets those two alone, the last one, the first one behind point 0 and the last one once more, so one
+that mixes columns is found as well.
 """
 
 import inspect
@@ -44,9 +49,6 @@ Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi
 
-#: Sigma points that are sent through a model again. Every filter has them, they differ in every row
-#: with uncertainty, and the mean of the two is not that of all.
-PROBES = [2, 0]
 #: Sums of vectorized models may be rounded in another way for another number of columns. Allowed
 #: are these parts of the largest result of the row, and of all, which may have cancelled.
 ROW_TOLERANCE, TOLERANCE = 1e-9, 1e-12
@@ -118,6 +120,10 @@ class CheckedModel:
         Method of the filter that calls it, in messages.
     rows
         Length of a result.
+    points
+        Numbers of the sigma points that it is called for.
+    centre
+        Number of that to which angles are wrapped.
     vectorized
         Whether it takes all sigma points at once.
     angles
@@ -137,10 +143,18 @@ class CheckedModel:
         takes: tuple[str, ...],
         asked_by: str,
         rows: int,
+        points: range,
+        centre: int,
         vectorized: bool = False,
         angles: tuple[int, ...] = (),
     ) -> None:
         self.name = check_takes(function, role, takes)
+        self._numbers = points
+        #: Column of the sigma point to which angles are wrapped.
+        self.centre = points.index(centre)
+        # Columns that are sent through the model again. Every filter has them, they differ in every
+        # row with uncertainty, and the mean of the three is not that of all.
+        self._probes = [len(points) - 1, points.index(1), len(points) - 1]
         self.function = function
         self._noise = takes[1]
         self._asked_by = asked_by
@@ -163,7 +177,7 @@ class CheckedModel:
         Parameters
         ----------
         points, noise
-            Sigma points, shapes (n, N) and (terms, N). The model gets copies.
+            Sigma points, shapes (n, K) and (terms, K). The model gets copies.
         arguments, keywords
             Further arguments of the model.
         used_rows
@@ -172,7 +186,7 @@ class CheckedModel:
         Returns
         -------
         array
-            Results, shape (rows, N).
+            Results, shape (rows, K).
 
         Raises
         ------
@@ -188,24 +202,26 @@ class CheckedModel:
             one, that is a TypeError or ValueError that says so.
         """
         given = arguments, keywords or {}
-        numbers = range(points.shape[1])
+        numbers, probes = self._numbers, self._probes
         results = self._send(points, noise, numbers, given)
         if used_rows is not None:
             results[~used_rows] = 0.0
         if not np.isfinite(results).all():
             row, k = (int(i) for i in np.argwhere(~np.isfinite(results))[0])
             raise ValueError(
-                f"{self.name} must return finite numbers, at sigma point {k}, "
+                f"{self.name} must return finite numbers, at sigma point {numbers[k]}, "
                 f"not {float(results[row, k])!r} in row {row}"
             )
         self._calls += 1
         if self._calls & (self._calls - 1) == 0:
-            again = self._send(points[:, PROBES], noise[:, PROBES], PROBES, given)
+            again = self._send(
+                points[:, probes], noise[:, probes], [numbers[k] for k in probes], given
+            )
             if used_rows is not None:
                 again[~used_rows] = 0.0
             self._check_equal(results, again)
         for row in self.angles:
-            results[row] = wrap(results[row], results[row, 0])
+            results[row] = wrap(results[row], results[row, self.centre])
         return results
 
     def _send(
@@ -320,7 +336,7 @@ class CheckedModel:
 
     def _check_equal(self, results: Array, again: Array) -> None:
         """Check that the probes gave the same again."""
-        first = results[:, PROBES]
+        first = results[:, self._probes]
         tolerance = np.zeros((self._rows, 1))
         rule = "give equal results for equal arguments"
         if self._vectorized:
@@ -331,6 +347,6 @@ class CheckedModel:
         if different.any():
             row, i = (int(index) for index in np.argwhere(different)[0])
             raise ValueError(
-                f"{self.name} must {rule}, at sigma point {PROBES[i]}, not "
+                f"{self.name} must {rule}, at sigma point {self._numbers[self._probes[i]]}, not "
                 f"{float(first[row, i])!r} and then {float(again[row, i])!r} in row {row}"
             )

@@ -66,7 +66,8 @@ class ReferenceUkf:
     """Unscented Kalman filter of equations 4 to 19, with the steps of the core.
 
     Serves :class:`ukf_sw.filter.UnscentedKalmanFilter` as a backend. Copies, shallow ones as well,
-    go their own ways.
+    go their own ways. Sigma points are those that have a weight, K in all: without W0 there is no
+    point 0.
 
     Parameters
     ----------
@@ -76,8 +77,9 @@ class ReferenceUkf:
 
     def __init__(self, params: UkfParams) -> None:
         self._params = params
-        self._weights = weights(params.M, params.W0)
-        self._sigma = sigma_coefficients(params.M, params.W0)
+        W = weights(params.M, params.W0)
+        self._weights = W[W > 0.0]
+        self._sigma = sigma_coefficients(params.M, params.W0)[:, W > 0.0]
         self._gate = np.inf
         self._noise: tuple[Array, Array] = (
             np.zeros((params.q, params.q)),
@@ -124,7 +126,7 @@ class ReferenceUkf:
         Returns
         -------
         array or None
-            The points of the last predict, shape (n, N), if an update may still use them.
+            The points of the last predict, shape (n, K), if an update may still use them.
         """
         return self._estimate.predicted
 
@@ -142,7 +144,7 @@ class ReferenceUkf:
         return before is not None
 
     def noise_points(self) -> tuple[Array, Array]:
-        """Sigma points of w (q, N) and of v (r, N) (equation 8); zeros for additive noise."""
+        """Sigma points of w (q, K) and of v (r, K) (equation 8); zeros for additive noise."""
         p = self._params
         rows: list[Array] = []
         first = p.n
@@ -150,12 +152,12 @@ class ReferenceUkf:
             if terms:
                 rows.append(lower_factor(A) @ self._sigma[first : first + terms])
             else:
-                rows.append(np.zeros((len(A), p.N)))
+                rows.append(np.zeros((len(A), len(self._weights))))
             first += terms
         return rows[0], rows[1]
 
     def sigma_points(self) -> Array:
-        """Sigma points of the state, shape (n, N) (equation 8).
+        """Sigma points of the state, shape (n, K) (equation 8).
 
         Raises
         ------
@@ -178,7 +180,7 @@ class ReferenceUkf:
             self._estimate = _Estimate(x, P, points)
 
     def predict(self, points: Array) -> Array:
-        """Predict from transformed sigma points, shape (n, N) (equations 10 and 11).
+        """Predict from transformed sigma points, shape (n, K) (equations 10 and 11).
 
         Returns
         -------
@@ -211,7 +213,7 @@ class ReferenceUkf:
         Parameters
         ----------
         points
-            What a sensor sees of the sigma points, shape (rows, N).
+            What a sensor sees of the sigma points, shape (rows, K).
         z
             Its observation, shape (rows,).
         mask

@@ -112,8 +112,9 @@ class Driver:
     The constructor reads ID, SIZES and CONFIG and compares them with the parameters; then it resets
     and enables the core. Steps are polled for, or waited for by interrupt.
 
-    The driver moves as few words as it can: of the state's sigma points it reads the first n + 2
-    columns, the others being equal to x; it writes x, factors and the mask when they change.
+    The driver moves as few words as it can: of the state's sigma points it reads those up to n + 1,
+    the others being equal to x; it reads x once; it writes x, factors and the mask when they
+    change. Sigma points are those that have a weight, :attr:`UkfParams.points`, K in all.
 
     What a method that raises has done is said in :mod:`ukf_sw.errors`. After an error that leaves
     it open, whatever needs the core raises :class:`ukf_sw.errors.NotRecoveredError` until
@@ -198,16 +199,16 @@ class Driver:
         self.words_read = self.words_written = 0
         self.control_reads = self.control_writes = self.starts = 0
 
-        n, N = params.n, params.N
-        self._x_addresses = self._addresses("x", 1, n)
-        self._X_read = self._addresses("X", n, n + 2)
-        self._X_write = self._addresses("X", n, N)
+        n, points = range(params.n), params.points
+        self._x_addresses = self._addresses("x", range(1), n)
+        self._X_read = self._addresses("X", n, range(points.start, params.n + 2))
+        self._X_write = self._addresses("X", n, points)
         #: Of each sensor, its rows of Z and of z.
         self._Z_write = [
             np.concatenate(
                 (
-                    self._addresses("Z", len(rows), N, first_row=rows.start),
-                    self._addresses("z", len(rows), 1, first_row=rows.start),
+                    self._addresses("Z", rows, points),
+                    self._addresses("z", rows, range(1)),
                 )
             )
             for rows in map(params.rows_of, range(len(params.sensor_rows)))
@@ -280,14 +281,14 @@ class Driver:
         for address, word in zip(addresses.tolist(), words.tolist(), strict=True):
             self._bus.write(address, word)
 
-    def _addresses(self, symbol: str, rows: int, columns: int, *, first_row: int = 0) -> Addresses:
-        """Word addresses of the left part of rows of a region, row by row."""
+    def _addresses(self, symbol: str, rows: range, columns: range) -> Addresses:
+        """Word addresses of rows and columns of a region, row by row."""
         size = self._params.format.bus_words
         return np.array(
             [
                 self._map.address(symbol, row, column) + 4 * word
-                for row in range(first_row, first_row + rows)
-                for column in range(columns)
+                for row in rows
+                for column in columns
                 for word in range(size)
             ],
             dtype=np.int64,
@@ -310,7 +311,7 @@ class Driver:
             changed = np.ones(region.rows, dtype=np.bool_)
             if before is not None:
                 changed = (new != before.reshape(region.rows, -1)).any(axis=1)
-            addresses = self._addresses(symbol, region.rows, region.columns)
+            addresses = self._addresses(symbol, range(region.rows), range(region.columns))
             if changed.any():
                 chosen = addresses.reshape(new.shape)[changed]
                 self._write(chosen.reshape(-1), new[changed].reshape(-1))
@@ -373,6 +374,7 @@ class Driver:
         """Reset the core. What is left then is an estimate whose factor it has."""
         self._reset_core()
         if self._before is not None:
+            self._x = None
             self._write(self._x_addresses, self._codec.to_words(self._before))
         self._before = self._predicted = None
 
@@ -446,7 +448,7 @@ class Driver:
         Returns
         -------
         array or None
-            What the last :meth:`predict` gave, shape (n, N), if an update may use it.
+            What the last :meth:`predict` gave, shape (n, K), if an update may use it.
 
         Raises
         ------
@@ -631,16 +633,17 @@ class Driver:
             self._write_register(GATE_HIGH, int(words[1]))
 
     def noise_points(self) -> tuple[Array, Array]:
-        """Read the sigma points of w (q, N) and of v (r, N); zeros for additive noise."""
+        """Read the sigma points of w (q, K) and of v (r, K); zeros for additive noise."""
         self._certainty.check()
         p = self._params
+        count = len(p.points)
         rows: list[Array] = []
         for symbol, terms in (("W", p.q), ("V", p.r)):
             if symbol in self._map:
-                values = self._read(self._addresses(symbol, terms, p.N)).reshape(terms, p.N)
+                values = self._read(self._addresses(symbol, range(terms), p.points))
             else:
-                values = np.zeros((terms, p.N))
-            rows.append(values)
+                values = np.zeros(terms * count)
+            rows.append(values.reshape(terms, count))
         return rows[0], rows[1]
 
     def redraw(self) -> None:
@@ -664,26 +667,35 @@ class Driver:
 
         Returns
         -------
-        array of shape (n, N)
-            Columns n + 2 and up are copies of x, which is column 0.
+        array of shape (n, K)
+            Those from number n + 2 on are copies of x.
 
         Raises
         ------
         StepError
             If the step fails.
         """
-        n = self._params.n
+        p = self._params
+        drawn = p.n + 2 - p.points.start
         with self._certainty:
             self._redraw()
-            read = self._read(self._X_read).reshape(n, n + 2)
-            self._x = read[:, 0]
-        points = np.empty((n, self._params.N))
-        points[:, : n + 2] = read
-        points[:, n + 2 :] = read[:, :1]
+            read = self._read(self._X_read).reshape(p.n, drawn)
+            # Sigma point 0 is x, if it is there.
+            x = read[:, 0] if p.points.start == 0 else self._known_x()
+            self._x = x
+        points = np.empty((p.n, len(p.points)))
+        points[:, :drawn] = read
+        points[:, drawn:] = x[:, None]
         return points
 
+    def _known_x(self) -> Array:
+        """Give x, read if it is not known."""
+        if self._x is None:
+            self._x = self._read(self._x_addresses)
+        return self._x
+
     def predict(self, points: Array) -> Array:
-        """Write transformed sigma points, shape (n, N), and run PREDICT.
+        """Write transformed sigma points, shape (n, K), and run PREDICT.
 
         Returns
         -------
@@ -698,7 +710,7 @@ class Driver:
         words = self._codec.to_words(points.reshape(-1))
         given = self._codec.from_words(words).reshape(points.shape)
         with self._certainty:
-            x = self._x if self._x is not None else self._read(self._x_addresses)
+            x = self._known_x()
             self._step = Step.PREDICT  # its points are about to be overwritten
             self._predicted = given
             if self._before is None:
@@ -720,7 +732,7 @@ class Driver:
         Parameters
         ----------
         points
-            Shape (rows, N).
+            Shape (rows, K).
         z
             Shape (rows,). With a finite gate, what is finite is clamped to the format's range, for
             the gate to reject.
@@ -761,6 +773,7 @@ class Driver:
                 self._mask = None
                 self._write_register(MASK, bits)
                 self._mask = bits
+            x, self._x = self._x, None
             try:
                 gated = bool(self._run(Step.UPDATE, sensor) & GATED)
             except NotFiniteError as error:
@@ -773,8 +786,10 @@ class Driver:
                     f"z is {float(z[row])!r} in row {row}, and the format ends at {largest:.6g}"
                 )
                 raise NotFiniteError(error.step, detail) from error
-            if not gated:
-                self._x = self._before = self._predicted = None
+            if gated:
+                self._x = x
+            else:
+                self._before = self._predicted = None
             found = [self._read_register(NIS_LOW)]
             if self._params.format.bus_words == 2:
                 found.append(self._read_register(NIS_HIGH))
@@ -789,7 +804,7 @@ class Driver:
         """
         p = self._params
         rows = p.rows_of(sensor)
-        points = words.reshape(len(rows), p.N, -1)
+        points = words.reshape(len(rows), len(p.points), -1)
         first = self._codec.from_words(points[:, 0].reshape(-1))
         constant = mask & (points == points[:, :1]).all(axis=(1, 2))
         constant &= np.isfinite(first) & (first != 0.0)
@@ -800,9 +815,9 @@ class Driver:
             raise SingularObservationError(Step.UPDATE, rows.start + int(constant.argmax()))
 
     def state(self) -> Array:
-        """Read x, shape (n,)."""
+        """Give x, shape (n,): read, unless it has been read and not changed since."""
         self._certainty.check()
-        return self._read(self._x_addresses)
+        return self._known_x().copy()
 
     def covariance(self) -> Array:
         """Run COVARIANCE and read P, shape (n, n): its lower triangle, mirrored.
@@ -815,7 +830,7 @@ class Driver:
         n = self._params.n
         size = self._params.format.bus_words
         rows, columns = np.tril_indices(n)
-        addresses = self._addresses("P", n, n).reshape(n, n, size)[rows, columns].reshape(-1)
+        addresses = self._addresses("P", range(n), range(n)).reshape(n, n, size)[rows, columns].reshape(-1)
         P = np.empty((n, n))
         with self._certainty:
             self._ensure_initialised()

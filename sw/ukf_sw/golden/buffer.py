@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ukf_sw.drivers.bus import Addresses, Words
 from ukf_sw.engine.layout import Layout
-from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.memory_map import FirstColumn, MemoryMap
 from ukf_sw.spec.sequence import Bank, Flag
 
 __all__ = ["GoldenBuffer"]
@@ -20,7 +20,8 @@ class GoldenBuffer:
     """The buffer, one bus word or many at a time.
 
     Words are kept as they are written, whatever number they are; bits above the width of the
-    format are dropped. An access that meets an unmapped address does nothing.
+    format are dropped. An access that meets an unmapped address does nothing. Column 0 of what has no
+    sigma point 0 is read as :class:`ukf_sw.spec.memory_map.FirstColumn` says, and never written.
 
     Parameters
     ----------
@@ -38,19 +39,29 @@ class GoldenBuffer:
         width = params.format.width
         self._count = count = 1 << (memory_map.address_width - 2)
         self._forgets = np.zeros(count, dtype=np.uint8)
+        #: Bits of a bus word that are stored, and that are read.
         self._bits = np.zeros(count, dtype=np.uint32)
+        self._read_bits = np.zeros(count, dtype=np.uint32)
         # Half word of a bus word, -1 if it is unmapped, by banks and bus word.
         self._place = np.full((_BANKS, count), -1, dtype=np.int64)
         for region in memory_map:
-            turned = [2 * layout.bank_offset * bool(region.bank & banks) for banks in range(_BANKS)]
             for row, column in product(range(region.rows), range(region.columns)):
                 first = memory_map.address(region.symbol, row, column) >> 2
-                lane, address = layout.buffer_location(region.symbol, row, column)
+                kind = region.first_column if column == 0 else FirstColumn.STORED
+                shown = (region, row, column)
+                if kind is FirstColumn.STATE:
+                    shown = (memory_map["x"], 0, row)
+                lane, address = layout.buffer_location(shown[0].symbol, *shown[1:])
+                turned = [
+                    2 * layout.bank_offset * bool(shown[0].bank & banks) for banks in range(_BANKS)
+                ]
                 for half in range(params.format.bus_words):
                     place = 2 * (lane * layout.depth + address) + half
+                    bits = (1 << width) - 1 >> 32 * half & _WORD_MASK
                     self._place[:, first + half] = np.add(place, turned)
                     self._forgets[first + half] = region.forgets
-                    self._bits[first + half] = (1 << width) - 1 >> 32 * half & _WORD_MASK
+                    self._bits[first + half] = bits if kind is FirstColumn.STORED else 0
+                    self._read_bits[first + half] = 0 if kind is FirstColumn.EMPTY else _WORD_MASK
 
     def _find(self, address: int, banks: Bank) -> int:
         """Half word at an address, or -1."""
@@ -68,7 +79,9 @@ class GoldenBuffer:
     def read(self, address: int, banks: Bank) -> int | None:
         """Read a word; None if its address is unmapped."""
         place = self._find(address, banks)
-        return None if place < 0 else int(self._halves[place])
+        if place < 0:
+            return None
+        return int(self._halves[place]) & int(self._read_bits[address >> 2])
 
     def write(self, address: int, word: int, bits: int, banks: Bank) -> Flag | None:
         """Write those of a word's bits that are set in `bits`.
@@ -89,7 +102,7 @@ class GoldenBuffer:
     def read_many(self, addresses: Addresses, banks: Bank) -> Words | None:
         """Read words, shape (k,), at addresses, shape (k,); None if any is unmapped."""
         places = self._find_many(addresses, banks)
-        return None if places is None else self._halves[places]
+        return None if places is None else self._halves[places] & self._read_bits[addresses >> 2]
 
     def write_many(self, addresses: Addresses, words: Words, banks: Bank) -> Flag | None:
         """Write words, shape (k,), at addresses, shape (k,); returns as :meth:`write`."""
@@ -97,5 +110,6 @@ class GoldenBuffer:
         if places is None:
             return None
         index = addresses >> 2
-        self._halves[places] = words & self._bits[index]
+        stored = self._bits[index] != 0
+        self._halves[places[stored]] = (words & self._bits[index])[stored]
         return Flag(int(np.bitwise_or.reduce(self._forgets[index])))

@@ -10,18 +10,27 @@ so every row stride is a power of two, and region 0 is the register block.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.sequence import NO_BANK, NO_FLAG, Bank, Flag
 
-__all__ = ["MemoryMap", "Region"]
+__all__ = ["FirstColumn", "MemoryMap", "Region"]
 
 _BANKS = {"x": Bank.STATE, "L": Bank.FACTOR}
 _FORGETS = {
     "x": Flag.POINTS | Flag.RESIDUALS,
     "L": Flag.POINTS | Flag.RESIDUALS | Flag.PREDICTED,
 }
+
+
+class FirstColumn(Enum):
+    """What column 0 of a region is. With W0 = 0 there is no sigma point 0 to be stored."""
+
+    STORED = "stored"  #: As all others.
+    STATE = "state"  #: x: row i reads as state i, and writes are dropped.
+    EMPTY = "empty"  #: Reads as zero, and writes are dropped.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +53,8 @@ class Region:
         Bank that says which of its copies is the current one, which is what the bus sees.
     forgets
         Flags that a write to it clears: what the memories held then belongs to another estimate.
+    first_column
+        What its column 0 is.
     """
 
     symbol: str
@@ -54,6 +65,16 @@ class Region:
     doc: str
     bank: Bank = NO_BANK
     forgets: Flag = NO_FLAG
+    first_column: FirstColumn = FirstColumn.STORED
+
+
+#: Without W0.
+_FIRST_COLUMNS = {
+    "X": FirstColumn.STATE,
+    "W": FirstColumn.EMPTY,
+    "V": FirstColumn.EMPTY,
+    "Z": FirstColumn.EMPTY,
+}
 
 
 @dataclass(frozen=True)
@@ -66,23 +87,32 @@ class MemoryMap:
     def regions(self) -> tuple[Region, ...]:
         """Regions that exist for these parameters, by rising address."""
         p = self.params
+        first = p.points.start
         written = (
-            f"SIG_GEN and UPDATE write columns 0 to n + 1 = {p.n + 1} only; the others are to be "
-            f"read as column 0. PREDICT takes all {p.N}."
+            f"SIG_GEN and UPDATE write columns {first} to n + 1 = {p.n + 1} only; the others are to "
+            "be read as column 0."
         )
+        taken = f"PREDICT takes all {p.N}."
+        state, empty = "", ""
+        if first:
+            state = "Column 0 is x, and writes to it are dropped: with W0 = 0 it has no weight. "
+            empty = " Column 0 is zero, and writes to it are dropped."
+            taken = f"PREDICT takes columns 1 to {p.N - 1}."
         factor_of_r = "Lower triangular factor of R."
         if p.sensors and p.additive_r:
             factor_of_r = (
                 "Lower triangular factors of the R of each sensor, one below the other; each "
                 "begins in column 0."
             )
+        first_columns = _FIRST_COLUMNS if first else {}
         table = (
             ("X", "state_points", p.n, p.N,
-             f"Sigma points of the state, row i is state i. {written}"),
-            ("W", "process_noise_points", p.augmented_q, p.N, "Sigma points of the process noise."),
+             f"Sigma points of the state, row i is state i. {state}{written} {taken}"),
+            ("W", "process_noise_points", p.augmented_q, p.N,
+             f"Sigma points of the process noise.{empty}"),
             ("V", "observation_noise_points", p.augmented_r, p.N,
-             "Sigma points of the observation noise."),
-            ("Z", "observation_points", p.m, p.N, "Sigma points seen through h."),
+             f"Sigma points of the observation noise.{empty}"),
+            ("Z", "observation_points", p.m, p.N, f"Sigma points seen through h.{empty}"),
             ("z", "observation", p.m, 1, "Measurement."),
             ("x", "state", 1, p.n, "State estimate."),
             ("L", "factor", p.n, p.n, "Lower triangular factor of P: P = L L^T."),
@@ -100,6 +130,7 @@ class MemoryMap:
                 doc=doc,
                 bank=_BANKS.get(symbol, NO_BANK),
                 forgets=_FORGETS.get(symbol, NO_FLAG),
+                first_column=first_columns.get(symbol, FirstColumn.STORED),
             )
             for index, (symbol, name, rows, columns, doc) in enumerate(table, start=1)
             if rows and columns
