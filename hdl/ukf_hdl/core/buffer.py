@@ -1,6 +1,6 @@
 """The buffer: where the words of the memory map are in the memories of the engine."""
 
-from amaranth import Cat, Module, Signal
+from amaranth import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
@@ -9,7 +9,7 @@ from ukf_hdl.core.axi4_lite import AccessSignature
 from ukf_hdl.core.signatures import EstimateSignature, MemorySignature
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.timing import LOAD_LATENCY
-from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.memory_map import FirstColumn, MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = ["Buffer"]
@@ -27,7 +27,7 @@ class Buffer(wiring.Component):
     Refused, without effect and reading zero: every access that begins while :py:`busy`, and every
     access outside of the regions. A format narrower than 32 bits ignores the upper bits of a
     write and reads them as zero; a wider one has two words an element, the lower first, each
-    written on its own.
+    written on its own. Column 0 of the sigma points is what :class:`FirstColumn` says.
 
     Parameters
     ----------
@@ -110,12 +110,17 @@ class Buffer(wiring.Component):
         access = self.access
 
         # First clock: look the place up.
-        valid, lane, address = self._elaborate_decode(m)
+        is_state, is_empty = self._first_column()
+        valid, lane, address = self._elaborate_decode(m, is_state)
         refused = Signal()
+        fixed = Signal()
+        blank = Signal()
         clock = Signal(range(LOAD_LATENCY + 2))
         with m.If(clock == 0):
             m.d.sync += [
                 refused.eq(~valid | self.busy),
+                fixed.eq(is_state | is_empty),
+                blank.eq(~valid | self.busy | is_empty),
                 self.memory.lane.eq(lane),
                 self.memory.address.eq(address),
             ]
@@ -126,14 +131,14 @@ class Buffer(wiring.Component):
             access.ack.eq(((clock == 1) & (access.write | refused)) | (clock == LOAD_LATENCY + 1)),
             access.error.eq(refused),
             writing.eq((clock == 1) & access.write & ~refused),
-            self.memory.write.eq(writing),
+            self.memory.write.eq(writing & ~fixed),
         ]
         with m.If(~access.valid | access.ack):
             m.d.sync += clock.eq(0)
         with m.Else():
             m.d.sync += clock.eq(clock + 1)
 
-        self._elaborate_words(m, refused)
+        self._elaborate_words(m, blank)
 
         region = self._fields()[0]
         with m.If(writing & access.strobe.any()):
@@ -151,23 +156,40 @@ class Buffer(wiring.Component):
         row = bits[memory_map.column_bits : memory_map.column_bits + memory_map.row_bits]
         return bits[memory_map.column_bits + memory_map.row_bits :], row, column
 
-    def _elaborate_decode(self, m):
-        """From the fields of an address to a place."""
+    def _first_column(self):
+        """Whether an access is to a column 0 that is not stored: one that is x, one that is empty.
+
+        Constants where all columns are stored.
+        """
+        region, _, column = self._fields()
+
+        def one_of(kind):
+            found = [each.index for each in self._map if each.first_column is kind]
+            return (column == 0) & region.matches(*found) if found else Const(0)
+
+        return one_of(FirstColumn.STATE), one_of(FirstColumn.EMPTY)
+
+    def _elaborate_decode(self, m, is_state):
+        """From the fields of an address to a place; `is_state`: row i is column i of x."""
         region_field, row, column = self._fields()
         pes = self._params.pes
         regions = tuple(self._map)
 
         # Per region: is the element inside, and at what position of its row?
         valid = Signal()
+        with m.Switch(region_field):
+            for region in regions:
+                with m.Case(region.index):
+                    m.d.comb += valid.eq((row < region.rows) & (column < region.columns))
+        if not isinstance(is_state, Const):
+            region_field = Mux(is_state, self._map["x"].index, region_field)
+            row, column = Mux(is_state, 0, row), Mux(is_state, row, column)
         first = Signal(range(max(self._first.values()) + 1))
         offset = Signal(self._layout.address_width)
         with m.Switch(region_field):
             for region in regions:
                 with m.Case(region.index):
-                    m.d.comb += [
-                        valid.eq((row < region.rows) & (column < region.columns)),
-                        first.eq(self._first[region]),
-                    ]
+                    m.d.comb += first.eq(self._first[region])
                     for bank, distance in zip(
                         (self.banks.state, self.banks.factor), self._distances[region], strict=True
                     ):
@@ -207,8 +229,8 @@ class Buffer(wiring.Component):
             self._location(region, 0, 0, factor_bank=1)[1] - origin,
         )
 
-    def _elaborate_words(self, m, refused):
-        """Between elements and words of the bus."""
+    def _elaborate_words(self, m, blank):
+        """Between elements and words of the bus; what is blank reads as zero."""
         access = self.access
         words = self._params.format.bus_words
         strobe_width = DATA_WIDTH // 8
@@ -225,5 +247,5 @@ class Buffer(wiring.Component):
             with m.If(word == index):
                 lanes = slice(index * strobe_width, (index + 1) * strobe_width)
                 m.d.comb += self.memory.write_strobe[lanes].eq(access.strobe)
-        with m.If(~refused):
+        with m.If(~blank):
             m.d.comb += access.read_data.eq(selected)
