@@ -17,9 +17,10 @@ ADDITIVE = {"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE
 SHAPES = [
     pytest.param(UkfParams(n=1, m=1), id="smallest"),
     pytest.param(UkfParams(n=2, m=3, q=1, r=2, pes=1), id="1 PE"),
+    pytest.param(UkfParams(n=2, m=3, q=1, r=2, pes=2, W0=0.25), id="a point 0"),
     pytest.param(UkfParams(n=3, m=2, q=2, r=1, pes=3), id="3 PEs"),
     pytest.param(UkfParams(n=3, m=4, q=3, r=4, pes=4, **ADDITIVE), id="additive"),
-    pytest.param(UkfParams(n=2, m=3, q=2, r=3, pes=9, **ADDITIVE), id="a PE per column"),
+    pytest.param(UkfParams(n=2, m=3, q=2, r=3, pes=9, **ADDITIVE), id="a PE a column"),
     pytest.param(UkfParams(n=2, m=2, q=1, pes=2, form=Form.COVARIANCE), id="covariance"),
     pytest.param(UkfParams(n=2, m=2, q=1, pes=3, format=BINARY16), id="half"),
     pytest.param(UkfParams(n=2, m=2, q=1, pes=3, format=BINARY64), id="double"),
@@ -56,18 +57,34 @@ class Bench:
         sim.run()
 
     def place(self, address, state_bank=0, factor_bank=0):
-        """Index in the memory, and number of the word within the element; None if unmapped."""
+        """Index in the memory, and number of the word within the element; None if unmapped.
+
+        Column 0 of X is x if there is no sigma point 0.
+        """
         memory_map = self.map
         region_index, rest = divmod(address, memory_map.region_stride)
         row, rest = divmod(rest, memory_map.row_stride)
         column, rest = divmod(rest, memory_map.element_bytes)
         for region in memory_map:
             if region.index == region_index and row < region.rows and column < region.columns:
+                element = region.symbol, row, column
+                if region.symbol == "X" and self.is_fixed(address):
+                    element = "x", 0, row
                 lane, within = self.engine.layout.buffer_location(
-                    region.symbol, row, column, state_bank=state_bank, factor_bank=factor_bank
+                    *element, state_bank=state_bank, factor_bank=factor_bank
                 )
                 return self.engine.word_index(lane, within), rest // 4
         return None
+
+    def is_fixed(self, address):
+        """Whether an address is in the place of a sigma point 0 that there is not."""
+        column = address % self.map.row_stride // self.map.element_bytes
+        points = self.symbol(address) in ("X", "W", "V", "Z")
+        return points and column == 0 and self.map.params.W0 == 0.0
+
+    def is_empty(self, address):
+        """Whether it always reads as zero."""
+        return self.is_fixed(address) and self.symbol(address) != "X"
 
     def symbol(self, address):
         index = address // self.map.region_stride
@@ -128,10 +145,14 @@ def test_every_address_is_an_element_or_refused(params):
             elements += 1
             index, part = place
             expected = model[index] >> 32 * part & 0xFFFF_FFFF
+            if bench.is_empty(address):
+                expected = 0
             assert (word, error, clocks) == (expected, 0, 5), hex(address)
             new, strobe = rng.getrandbits(32), rng.choice([0xF, 0xF, rng.getrandbits(4)])
             assert await bench.manager.write(ctx, address, new, strobe) == (0, 2)
             bits = sum(0xFF << 8 * i for i in range(4) if strobe >> i & 1)
+            if bench.is_fixed(address):
+                bits = 0
             merged = (model[index] & ~(bits << 32 * part)) | (new & bits) << 32 * part
             model[index] = merged & mask
             assert ctx.get(data[index]) & mask == model[index], hex(address)
@@ -183,7 +204,8 @@ def test_random_traffic_with_banks_and_busy(params):
             if rng.random() < 0.5:
                 word, error, _ = await bench.manager.read(ctx, address)
                 assert error == refused
-                assert word == (0 if refused else model[place[0]] >> 32 * place[1] & 0xFFFF_FFFF)
+                blank = refused or bench.is_empty(address)
+                assert word == (0 if blank else model[place[0]] >> 32 * place[1] & 0xFFFF_FFFF)
             else:
                 new, strobe = rng.getrandbits(32), rng.choice([0xF, rng.getrandbits(4)])
                 error, _ = await bench.manager.write(ctx, address, new, strobe)
@@ -191,6 +213,8 @@ def test_random_traffic_with_banks_and_busy(params):
                 if not refused:
                     index, part = place
                     bits = sum(0xFF << 8 * i for i in range(4) if strobe >> i & 1)
+                    if bench.is_fixed(address):
+                        bits = 0
                     model[index] &= ~(bits << 32 * part)
                     model[index] |= (new & bits) << 32 * part
                     model[index] &= mask
