@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from amaranth import Module, Mux, Signal
+from amaranth import Cat, Module, Mux, Signal
 from amaranth.back import rtlil
 from amaranth.hdl import Assert, Assume
 from amaranth.lib import wiring
@@ -247,20 +247,34 @@ class BufferBench(_AccessBench):
     def __init__(self, fault=None):
         super().__init__(Buffer(PARAMS, Layout(PARAMS)), fault)
 
-    def _refuses(self):
+    def _fields(self):
+        """Give region, row and column of the address."""
         memory_map = MemoryMap(PARAMS)
         address = self.access.address
         row_lsb = memory_map.byte_bits + memory_map.column_bits
         region_lsb = row_lsb + memory_map.row_bits
-        column = address[memory_map.byte_bits : row_lsb]
-        row = address[row_lsb:region_lsb]
+        return (
+            address[region_lsb:], address[row_lsb:region_lsb],
+            address[memory_map.byte_bits : row_lsb],
+        )  # fmt: skip
+
+    def _refuses(self):
+        index, row, column = self._fields()
         mapped = 0
-        for region in memory_map:
+        for region in MemoryMap(PARAMS):
             inside = (row < region.rows) & (column < region.columns)
-            mapped |= (address[region_lsb:] == region.index) & inside
+            mapped |= (index == region.index) & inside
         return self.busy | ~mapped
 
+    def _is_in_column_0(self, *symbols):
+        """Whether the access is to column 0 of one of these regions, if there is no point 0."""
+        index, _, column = self._fields()
+        found = [index == region.index for region in MemoryMap(PARAMS) if region.symbol in symbols]
+        return (column == 0) & Cat(found).any() if PARAMS.W0 == 0.0 else 0
+
     def _elaborate_more(self, m, first, refused):
+        access = self.access
+        reads = access.valid & access.ack & ~access.write
         m.d.comb += [
             Assert(
                 _implies(
@@ -268,6 +282,8 @@ class BufferBench(_AccessBench):
                     self.access.valid & self.access.write & ~refused & ~first,
                 )
             ),
+            Assert(~(self.memory.write & self._is_in_column_0("X", "W", "V", "Z"))),
+            Assert(_implies(reads & self._is_in_column_0("W", "V", "Z"), access.read_data == 0)),
             Assert(_implies(self.written.state | self.written.factor, self.memory.write)),
         ]
 

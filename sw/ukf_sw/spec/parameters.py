@@ -64,8 +64,8 @@ class UkfParams:
     format
         Number format.
     pes
-        Number of processing elements, 1 to one more than :attr:`columns`, for the right-hand side
-        is a column as well. It decides the order of summation, so it belongs to what is computed.
+        Number of processing elements, 1 to :attr:`columns`. It decides the order of summation,
+        so it belongs to what is computed.
 
     Raises
     ------
@@ -128,10 +128,9 @@ class UkfParams:
             raise ValueError(f"q must be 0 or n = {self.n} for additive noise, not {self.q!r}")
         if self.observation_noise is Noise.ADDITIVE and self.r not in (0, self.m):
             raise ValueError(f"r must be 0 or m = {self.m} for additive noise, not {self.r!r}")
-        if self.pes > self.columns + 1:
+        if self.pes > self.columns:
             raise ValueError(
-                f"pes must be between 1 and {self.columns + 1}, one more than the number of "
-                f"columns, not {self.pes!r}"
+                f"pes must be between 1 and the number of columns, {self.columns}, not {self.pes!r}"
             )
 
     @property
@@ -208,8 +207,8 @@ class UkfParams:
 
     @property
     def columns(self) -> int:
-        """Columns of the residual matrix E: sigma points with weight, additive noise terms."""
-        return len(self.points) + self.additive_q + self.columns_of_r
+        """Columns of the rows: sigma points with weight, right-hand side, additive noise terms."""
+        return len(self.points) + 1 + self.additive_q + self.columns_of_r
 
 
 @dataclass(frozen=True, kw_only=True)
