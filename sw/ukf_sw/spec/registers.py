@@ -17,7 +17,7 @@ __all__ = [
 
 DATA_WIDTH = 32
 MAGIC = 0x554B  #: "UK"
-VERSION = 4  #: Revision of this map.
+VERSION = 5  #: Revision of this map.
 
 
 class ErrorCode(IntEnum):
