@@ -109,22 +109,25 @@ class RoundedFilter:
         self._layout = layout = Layout(p)
         beats = -(-layout.columns // p.pes)
         self._width = beats * p.pes
-        self._at = slice(layout.sigma, layout.rhs)
+        self._at = slice(*layout.points)
+        first, count = p.points.start, len(p.points)
         runs = len(roundings)
 
         self._weights = np.zeros((1, runs, self._width))
-        self._exact_weights = exact_weights(p.M, 0.0)
-        self._weights[..., self._at] = np.where(self._rest, weights(p), self._exact_weights)
-        self._coefficients = np.zeros((p.n, 1, runs, p.N))
+        self._exact_weights = exact_weights(p.M, 0.0)[first:]
+        self._weights[..., self._at] = np.where(
+            self._rest, weights(p)[first:], self._exact_weights
+        )
+        self._coefficients = np.zeros((p.n, 1, runs, count))
         for j, row in enumerate(state_coefficients(p)):
-            self._coefficients[j, ..., : len(row)] = _round(row, self._rest)
+            self._coefficients[j, ..., : len(row) - first] = _round(row[first:], self._rest)
         per_unit = _round(np.full((runs, 1), 1.0 / unit(p)), self._rest)
 
         # Additive noise has columns of its own; augmented noise has points.
         LQ, LR = (self._factor(S) for S in (problem.Q, problem.R))
-        self._w, self._v = np.zeros((p.q, runs, p.N)), np.zeros((p.r, runs, p.N))
+        self._w, self._v = np.zeros((p.q, runs, count)), np.zeros((p.r, runs, count))
         self._LQ, self._LR = np.zeros((p.n, runs, 0)), np.zeros((p.m, runs, 0))
-        noise = [self._constant(row[None])[0] for row in noise_coefficients(p)]
+        noise = [self._constant(row[None, first:])[0] for row in noise_coefficients(p)]
         if p.additive_q:
             self._LQ = _round(LQ * per_unit, self._rest)
         else:
@@ -199,7 +202,8 @@ class RoundedFilter:
         """
         p, at, rhs = self.params, self._at, self._layout.rhs
         rest, m = self._rest, p.m
-        X = self._spread(np.repeat(self._x, p.N, axis=2), self._F, self._coefficients, self._points)
+        X = np.repeat(self._x, len(p.points), axis=2)
+        X = self._spread(X, self._F, self._coefficients, self._points)
         self._judge_points(X)
 
         # Predict. Its residuals stand below those of the observations.
@@ -212,7 +216,7 @@ class RoundedFilter:
         self.mean_error = (mean[..., 0] - exact).T
         E[m:, :, at] = _round(X - mean, rest)
         E[m:, :, rhs] = -mean[..., 0]
-        E[m:, :, rhs + 1 : rhs + 1 + self._LQ.shape[2]] = self._LQ
+        E[m:, :, slice(*self._layout.noise_q)] = self._LQ
 
         # Update.
         h = self.problem.sensor(self.problem.sensor_names[0]).h
@@ -220,8 +224,7 @@ class RoundedFilter:
         z_mean = self._dot(E[:m], self._weights, rest)
         E[:m, :, at] = _round(E[:m, :, at] - z_mean, rest)
         E[:m, :, rhs] = _round(_round(z.T[:, :, None], rest) - z_mean, rest)[..., 0]
-        E[:m, :, : self._LR.shape[2]] = self._LR
-        E[:, :, at.start] = 0.0  # W0 = 0
+        E[:m, :, slice(*self._layout.noise_r)] = self._LR
         for j in range(m + p.n):
             d = self._dot(E[j:], E[j], rest)
             root = self._reciprocal_sqrt(d[0])
