@@ -115,9 +115,7 @@ class RoundedFilter:
 
         self._weights = np.zeros((1, runs, self._width))
         self._exact_weights = exact_weights(p.M, 0.0)[first:]
-        self._weights[..., self._at] = np.where(
-            self._rest, weights(p)[first:], self._exact_weights
-        )
+        self._weights[..., self._at] = np.where(self._rest, weights(p)[first:], self._exact_weights)
         self._coefficients = np.zeros((p.n, 1, runs, count))
         for j, row in enumerate(state_coefficients(p)):
             self._coefficients[j, ..., : len(row) - first] = _round(row[first:], self._rest)

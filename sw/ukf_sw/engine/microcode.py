@@ -1,24 +1,39 @@
 """All programs of a core, scheduled and encoded: the contents of its program memories."""
 
 import heapq
+from collections.abc import Mapping
 from functools import cache, cached_property
 from itertools import accumulate
 from typing import NamedTuple
 
+import numpy as np
+
 from ukf_sw.engine.control_word import READ, WRITE, BusSource, ControlFormat, Half
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
-from ukf_sw.engine.packets import PacketStream
+from ukf_sw.engine.packets import PacketStream, pack
 from ukf_sw.engine.programs import build_program
-from ukf_sw.engine.scheduler import Schedule, schedule
+from ukf_sw.engine.scheduler import Schedule, schedules
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine, of_sensor
 
-__all__ = ["STEP_OVERHEAD", "Microcode", "allocate_scalars", "microcode", "routines"]
+__all__ = [
+    "STEP_OVERHEAD",
+    "Microcode",
+    "ProgramCode",
+    "allocate_scalars",
+    "compile_program",
+    "microcode",
+    "routines",
+]
 
 #: Clocks of a step beyond those of its program: fetching the first word, noticing the end.
 STEP_OVERHEAD = 3
+
+#: Packets of program memory that a clock is worth. Schedules that differ little in length may
+#: differ much in how often they repeat themselves.
+PACKETS_A_CLOCK = 5
 
 
 def routines(params: UkfParams) -> list[Routine]:
@@ -88,6 +103,94 @@ class ProgramCode(NamedTuple):
     registers: dict[Scalar, int]
 
 
+def compile_program(layout: Layout, timing: Timing, routine: Routine) -> ProgramCode:
+    """Schedule a program: of the schedules that differ little in length the one that costs least.
+
+    Parameters
+    ----------
+    layout
+        Where its vectors are.
+    timing
+        Latencies of the array.
+    routine
+        Which program.
+    """
+    plans = schedules(build_program(layout, *routine), timing)
+    codes = [ProgramCode(plan, allocate_scalars(plan)) for plan in plans]
+    return codes[0] if len(codes) == 1 else min(codes, key=_cost)
+
+
+def _cost(code: ProgramCode) -> float:
+    """Length of a program in clocks, and what its packets are worth."""
+    sets: dict[int, int] = {(1 << code.plan.timing.pes) - 1: 0}
+    for operation in code.plan.operations:
+        for lanes in (operation.lanes, *(beat.lanes for beat in operation.beats)):
+            sets.setdefault(lanes, len(sets))
+    words = _words(code, sets)
+    packets = 0
+    for half in (READ, WRITE):
+        rows = [[word.get(name, 0) for name in half.fields] for word in words]
+        packets += sum(1 for _ in pack(np.array(rows, dtype=np.int32), half))
+    return code.plan.length + packets / PACKETS_A_CLOCK
+
+
+def _words(code: ProgramCode, sets: Mapping[int, int]) -> list[dict[str, int]]:
+    """Give the fields of the control words of a program; `sets` are numbers of the sets of lanes."""
+    plan = code.plan
+    words: list[dict[str, int]] = [{} for _ in range(plan.length)]
+    for operation, issue in zip(plan.operations, plan.issue, strict=True):
+        for k, beat in enumerate(operation.beats):
+            values = {"subtract": int(operation.subtract), **operation.kind.steering}
+            if beat.word_0 is None:
+                values["zero"] = 1
+            else:
+                values |= _banked("address_0", "bank_{}_0", beat.word_0)
+            if beat.word_1 is not None:
+                values["address_1"] = beat.word_1[0]
+                values["bank_factor_1"] = int(beat.word_1[1] == BANK_FACTOR)
+            if operation.scalar is not None:
+                values["scalar_address"] = code.registers[operation.scalar]
+            if operation.kind.route is Route.TREE:
+                values |= {"first": int(k == 0), "select": sets[beat.lanes]}
+            elif operation.kind.route is Route.PORT:
+                values["select"] = beat.lanes.bit_length() - 1
+            words[issue + k * plan.timing.beat_interval] |= values
+        done = issue + plan.timing.result(operation)
+        words[done] |= _writes(code, operation, sets)
+        if operation.root is not None:
+            words[done + plan.timing.pipeline.reciprocal_sqrt] |= {
+                "write": 1, "write_bus": 1, "bus_source": BusSource.ROOT,
+                "write_address": operation.root[0], "write_lanes": sets[(1 << plan.timing.pes) - 1],
+            }  # fmt: skip
+    return words
+
+
+def _writes(code: ProgramCode, operation: Operation, sets: Mapping[int, int]) -> dict[str, int]:
+    """Give the fields of the clock on which the result of an operation is there."""
+    values: dict[str, int] = {}
+    if operation.destination is not None:
+        values |= _banked("write_address", "write_bank_{}", operation.destination)
+        values |= {"write": 1, "write_lanes": sets[operation.lanes]}
+        values["write_bus"] = int(operation.kind.is_scalar)
+    if operation.observation is not None:
+        gate = "bus_observation" if operation.kind.is_scalar else "lanes_observation"
+        values[gate] = 1 + operation.observation
+    if operation.result in code.registers:
+        values["scalar_write"] = 1
+        values["scalar_write_address"] = code.registers[operation.result]
+    if operation.kind.route is Route.PORT:
+        values["bus_source"] = BusSource.LOAD
+    if operation.pivot is not None:
+        values["row"] = 1 + operation.pivot
+    if operation.coupling is not None:
+        values |= {"row": 1 + operation.coupling, "coupling": 1}
+    if operation.innovation:
+        values["innovation"] = 1
+    if operation.is_nis:
+        values["nis"] = 1
+    return values
+
+
 class Microcode:
     """Programs of a core; use :func:`microcode`, which makes it once.
 
@@ -121,8 +224,7 @@ class Microcode:
         self.timing = Timing(params.pes, pipeline)
         self.programs: dict[Routine, ProgramCode] = {}
         for routine in routines(params):
-            plan = schedule(build_program(self.layout, *routine), self.timing)
-            self.programs[routine] = ProgramCode(plan, allocate_scalars(plan))
+            self.programs[routine] = compile_program(self.layout, self.timing, routine)
         self.scalars = 1 + max(
             max(code.registers.values(), default=0) for code in self.programs.values()
         )
@@ -173,72 +275,16 @@ class Microcode:
         return clocks
 
     def _encode(self, code: ProgramCode) -> list[int]:
-        words = [0] * code.plan.length
         numbers = {lanes: number for number, lanes in enumerate(self.lane_sets)}
-        for operation, issue in zip(code.plan.operations, code.plan.issue, strict=True):
-            clock = issue
-            for k, beat in enumerate(operation.beats):
-                clock = issue + k * self.timing.beat_interval
-                values = {"subtract": operation.subtract, **operation.kind.steering}
-                if beat.word_0 is None:
-                    values["zero"] = 1
-                else:
-                    values |= _banked("address_0", "bank_{}_0", beat.word_0)
-                if beat.word_1 is not None:
-                    values["address_1"] = beat.word_1[0]
-                    values["bank_factor_1"] = beat.word_1[1] == BANK_FACTOR
-                if operation.scalar is not None:
-                    values["scalar_address"] = code.registers[operation.scalar]
-                if operation.kind.route is Route.TREE:
-                    values |= {"first": k == 0, "select": numbers[beat.lanes]}
-                elif operation.kind.route is Route.PORT:
-                    values["select"] = beat.lanes.bit_length() - 1
-                words[clock] |= self.format.encode(values)
-            self._encode_writes(code, operation, issue, words, numbers)
-        return words
-
-    def _encode_writes(
-        self,
-        code: ProgramCode,
-        operation: Operation,
-        issue: int,
-        words: list[int],
-        numbers: dict[int, int],
-    ) -> None:
-        clock = issue + self.timing.result(operation)
-        values: dict[str, int] = {}
-        if operation.destination is not None:
-            values |= _banked("write_address", "write_bank_{}", operation.destination)
-            values |= {"write": 1, "write_lanes": numbers[operation.lanes]}
-            values["write_bus"] = operation.kind.is_scalar
-        if operation.observation is not None:
-            gate = "bus_observation" if operation.kind.is_scalar else "lanes_observation"
-            values[gate] = 1 + operation.observation
-        if operation.result in code.registers:
-            values["scalar_write"] = 1
-            values["scalar_write_address"] = code.registers[operation.result]
-        if operation.kind.route is Route.PORT:
-            values["bus_source"] = BusSource.LOAD
-        if operation.pivot is not None:
-            values["row"] = 1 + operation.pivot
-        if operation.coupling is not None:
-            values |= {"row": 1 + operation.coupling, "coupling": 1}
-        values |= {"innovation": operation.innovation, "nis": operation.is_nis}
-        words[clock] |= self.format.encode(values)
-        if operation.root is not None:
-            root = {
-                "write": 1, "write_bus": 1, "bus_source": BusSource.ROOT,
-                "write_address": operation.root[0], "write_lanes": len(self.lane_sets) - 1,
-            }  # fmt: skip
-            words[clock + self.pipeline.reciprocal_sqrt] |= self.format.encode(root)
+        return [self.format.encode(word) for word in _words(code, numbers)]
 
 
 def _banked(address: str, bank: str, word: Word) -> dict[str, int]:
     """Fields of an address that a bank bit may complete."""
     return {
         address: word[0],
-        bank.format("state"): word[1] == BANK_STATE,
-        bank.format("factor"): word[1] == BANK_FACTOR,
+        bank.format("state"): int(word[1] == BANK_STATE),
+        bank.format("factor"): int(word[1] == BANK_FACTOR),
     }
 
 

@@ -18,7 +18,7 @@ from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.timing import Timing
 
-__all__ = ["Schedule", "schedule"]
+__all__ = ["MARGIN", "Schedule", "schedule", "schedules"]
 
 
 @dataclass(frozen=True)
@@ -148,9 +148,16 @@ class _Strategy(NamedTuple):
 
 _FOR_EVER = 1 << 30
 
+#: How much longer than the shortest a schedule may be that has other merits: one part in so many.
+MARGIN = 128
+
+#: Operations of a long program, and of a very long one: of these fewer schedules are tried.
+LONG, VERY_LONG = 300, 1500
+
 #: Waits for the phase that are tried, of dot products and of the lanes.
-_WAITS = tuple((dots, lanes) for dots in (8, _FOR_EVER, 2, 0) for lanes in (1, 8, 0))
-_NO_WAIT = ((0, 0),)
+_DOTS = (8, 0, _FOR_EVER, 2)
+_DOTS_OF_VERY_LONG = _DOTS[:2]
+_LANES = (0, 1, 8)
 
 
 class _Reservations:
@@ -225,8 +232,8 @@ def _first_free(taken: int, start: int) -> int:
     return start + (~taken & (taken + 1)).bit_length() - 1
 
 
-def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
-    """Place the operations of a program, by several strategies; the shortest schedule is kept.
+def schedules(operations: Sequence[Operation], timing: Timing) -> list[Schedule]:
+    """Place the operations of a program by several strategies.
 
     Equal arguments give equal schedules.
 
@@ -236,17 +243,42 @@ def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
         Operations, in program order.
     timing
         Latencies of the array.
+
+    Returns
+    -------
+    list of Schedule
+        Those that are not much longer than the shortest: see :data:`MARGIN`. The shortest comes
+        first. Of a long program, of which each costs some time, only the shortest of each wait of
+        the lanes and each urgency, which decide how regular a schedule is.
     """
     scheduler = _Scheduler(operations, timing)
     has_phases = timing.levels > 0 and timing.beat_interval > 1
-    best: Schedule | None = None
-    for counts_issues, waits in product((True, False), _WAITS if has_phases else _NO_WAIT):
-        strategy = _Strategy(*waits, counts_issues)
-        issue = scheduler.place(strategy, None if best is None else best.length)
-        if issue is not None:
-            best = Schedule(operations, issue, timing, scheduler.length(issue))
-    assert best is not None
-    return best
+    waits = _DOTS if len(operations) < VERY_LONG else _DOTS_OF_VERY_LONG
+    found: dict[_Strategy, Schedule] = {}
+    most: int | None = None  # clocks that a schedule may take
+    for lanes, counts_issues in product(_LANES if has_phases else (0,), (True, False)):
+        kept: int | None = None
+        for dots in waits if has_phases else (0,):
+            strategy = _Strategy(dots, lanes, counts_issues)
+            limits = [limit for limit in (kept, most) if limit is not None]
+            issue = scheduler.place(strategy, min(limits, default=None))
+            if issue is None:
+                continue
+            length = scheduler.length(issue)
+            if kept is not None:
+                found = {key: plan for key, plan in found.items() if key[1:] != strategy[1:]}
+            found[strategy] = Schedule(operations, issue, timing, length)
+            if len(operations) >= LONG:
+                kept = length
+            longest = length + length // MARGIN + 1
+            most = longest if most is None else min(most, longest)
+    plans = sorted(found.values(), key=lambda plan: plan.length)
+    return [plan for plan in plans if most is not None and plan.length < most]
+
+
+def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
+    """Give the shortest of the :func:`schedules` of a program."""
+    return schedules(operations, timing)[0]
 
 
 class _Scheduler:
