@@ -16,7 +16,7 @@ from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.timing import Timing
 
-__all__ = ["Schedule", "schedule"]
+__all__ = ["Schedule", "dependences", "schedule"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Schedule:
     length: int
 
 
-def _dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tuple[int, int]]]:
+def dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tuple[int, int]]]:
     """For each operation its predecessors and the least distance of the two issues.
 
     Reads wait until the word has been written by all who write a part of it before; writes wait
@@ -164,7 +164,7 @@ def schedule(operations: Sequence[Operation], timing: Timing) -> Schedule:
     timing
         Latencies of the array.
     """
-    predecessors = _dependences(operations, timing)
+    predecessors = dependences(operations, timing)
     successors: list[list[tuple[int, int]]] = [[] for _ in operations]
     for index, edges in enumerate(predecessors):
         for predecessor, distance in edges:
