@@ -72,7 +72,7 @@ MUTANTS = [
     ),
     Mutant(
         "latency: redrawing is not counted", "tools/ukf_tools/estimate/latency.py",
-        'programs["SIG_GEN_PREDICTED"] if redraws else 0', "0",
+        "    if redraws:", "    if False:",
         f"{DESIGN_SPACE} -k redrawing",
     ),
     Mutant(

@@ -145,10 +145,10 @@ def _print_explanation(core: Core, found: "Explanation") -> None:
     bounds = ", ".join(f"{name} {clocks}" for name, clocks in found.bounds.items())
     of_beats, of_clocks = (_share(lanes.useful, all_) for all_ in lanes[1:])
     results.print(
-        f"\n[bold]{name}[/]: {found.length} clocks, {found.length - idle} with an issue, "
-        f"{idle} without\n"
-        f"  without: {reasons}\n"
-        f"  lower bounds: {bounds}; the program takes {found.ratio:.2f} times the largest\n"
+        f"\n[bold]{name}[/]: {found.length} clocks, {found.ratio:.2f} times the largest of what "
+        f"it takes at least\n"
+        f"  at least: {bounds}\n"
+        f"  with an issue: {found.length - idle}, without: {idle}, of these {reasons}\n"
         f"  useful lanes: {of_beats} of those of beats that multiply, {of_clocks} of all clocks\n"
         "  the longest chain of operations that wait for each other, for what they wait:",
         soft_wrap=True,
@@ -189,4 +189,4 @@ def _print_choices(core: Core, choices: "list[Choice]") -> None:
     results.print(table)
     good = ", ".join(str(each.pes) for each in choices if each.recommended)
     fastest = min(choices, key=lambda each: (each.cycles, each.pes))
-    results.print(f"Recommended: {good}. Fastest: {fastest.pes}. {RULE}", soft_wrap=True)
+    results.print(f"Recommended: {good}. Fastest: {fastest.pes}. {RULE}")
