@@ -4,12 +4,11 @@ An operation belongs to row j of the elimination if
 
 - it gives pivot j,
 - it multiplies with 1/sqrt of pivot j: row j itself, or what couples another row to it,
-- it makes that, the inner product which couples a row to row j,
 - or it subtracts row j, so multiplied, from another one.
 
-Pivots have the numbers that ERROR reports: those of the observations, then those of the states.
-Of all others, one that makes a scalar belongs to what the first reader of the scalar belongs to,
-and else the vector that it writes decides.
+Of all others, what makes a scalar belongs to the same as the first reader of the scalar: so the
+inner products that couple rows to row j belong to row j. Else the vector that is written decides.
+Rows have the numbers that ERROR reports: those of the observations, then those of the states.
 """
 
 from collections.abc import Mapping, Sequence
@@ -77,17 +76,13 @@ def _words(operation: Operation) -> list[Word]:
 
 
 def _rows(operations: Sequence[Operation]) -> list[int | None]:
-    """Row of the elimination that each operation belongs to, or None."""
+    """Row of the elimination of each operation, as far as its words say; else None."""
     rows: list[int | None] = []
     roots: dict[Word, int] = {}
-    makers: dict[Scalar, int] = {}
     #: Words that hold a row of the elimination times its 1/sqrt.
     multiplied: dict[Word, int] = {}
-    for index, operation in enumerate(operations):
+    for operation in operations:
         row = next((roots[word] for word in _words(operation) if word in roots), None)
-        if row is not None and operation.scalar is not None:
-            maker = makers[operation.scalar]
-            rows[maker] = row if rows[maker] is None else rows[maker]
         if operation.pivot is not None:
             row = operation.pivot
             if operation.root is not None:
@@ -98,8 +93,6 @@ def _rows(operations: Sequence[Operation]) -> list[int | None]:
             multiplied.pop(operation.destination, None)
             if row is not None and operation.kind is Kind.MULTIPLY:
                 multiplied[operation.destination] = row
-        if operation.result is not None:
-            makers[operation.result] = index
         rows.append(row)
     return rows
 

@@ -15,8 +15,6 @@ from ukf_tools.estimate.latency import iteration
 
 __all__ = ["RULE", "Choice", "candidates", "choices", "recommended"]
 
-#: Part of what the added processing elements promise that they must keep.
-SHARE = 1 / 3
 #: Which numbers are recommended, for people.
 RULE = (
     "A number of PEs is recommended if no larger one gives more speedup per PE, and if it gives at "
@@ -72,8 +70,9 @@ def recommended(cycles: Mapping[int, int]) -> list[int]:
         if any(larger * cycles[larger] < work for larger in cycles if larger > pes):
             continue
         if chosen:
-            promised = pes / chosen[-1] - 1.0
-            if cycles[chosen[-1]] / cycles[pes] - 1.0 < SHARE * promised:
+            before = chosen[-1]
+            # A third of (pes / before - 1), the speedup that they promise, without rounding.
+            if 3 * before * (cycles[before] - cycles[pes]) < cycles[pes] * (pes - before):
                 continue
         chosen.append(pes)
     return chosen
