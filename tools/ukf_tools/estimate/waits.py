@@ -85,10 +85,9 @@ class Waits:
         self.plan = plan
         self.predecessors = dependences(plan.operations, plan.timing)
         self.ready = [
-            max((plan.issue[before] + distance for before, distance in edges), default=0)
+            max([0, *(plan.issue[before] + distance for before, distance in edges)])
             for edges in self.predecessors
         ]
-        self.ready = [max(clock, 0) for clock in self.ready]
         self.ends = [self._end(operation) for operation in plan.operations]
         taken = occupancy(plan)
         self._issued = taken[Stage(StageKind.ISSUE)]
@@ -107,8 +106,7 @@ class Waits:
         """Give the clocks that the dependences alone demand: with stages without limit."""
         starts: list[int] = []
         for edges in self.predecessors:
-            earliest = (starts[before] + distance for before, distance in edges)
-            starts.append(max(max(earliest, default=0), 0))
+            starts.append(max([0, *(starts[before] + distance for before, distance in edges)]))
         return max((a + b for a, b in zip(starts, self.ends, strict=True)), default=0)
 
     @cached_property
