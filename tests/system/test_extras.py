@@ -49,8 +49,8 @@ COMMANDS = {
 }
 #: Those that take a second.
 QUICK = (
-    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "latency ", "new", "package",
-    "run ", "testbench",
+    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "latency ", "new",
+    "package", "run ", "testbench",
 )  # fmt: skip
 
 #: Runs the command line where the modules of its first argument cannot be imported.
