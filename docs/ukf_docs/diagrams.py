@@ -4,6 +4,7 @@ What has numbers is drawn from the layout, the schedule and the parameters of re
 """
 
 from collections.abc import Callable, Mapping
+from colorsys import hls_to_rgb
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +17,9 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.operations import Kind
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
+from ukf_tools.estimate.occupancy import tracks
+from ukf_tools.estimate.parts import Part, parts, runs
 
 __all__ = ["DIAGRAMS", "FOLDER", "bus_words", "draw"]
 
@@ -26,6 +29,8 @@ SOFTWARE, CORE, ARRAY, SOFT = "#fdf1de", "#e3eefb", "#cfe3f9", "#f2f4f6"
 #: Colours of groups of columns, of vectors, of kinds of operations.
 PALETTE = ("#f6c98b", "#9cc7ee", "#f4a6a0", "#b6dca8", "#d3c2ea", "#e3e3e3")
 ROOT = "#4d4d4d"
+#: Colours of the parts of a program that are no row of the elimination.
+OTHERS = ("#4d4d4d", "#a0522d", "#d98cc0", "#8f6bb3", "#a9b4be")
 #: Width of the diagrams in pixels: their text can be read on a phone.
 WIDTH = 560
 
@@ -318,6 +323,62 @@ def _schedule() -> Drawing:
     return d
 
 
+def _shade(number: int, of: int) -> str:
+    """Colour of a row of the elimination: from blue over green and yellow to red."""
+    red, green, blue = hls_to_rgb(0.62 * (1 - number / max(of - 1, 1)), 0.6, 0.75)
+    return f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
+
+
+def _occupancy() -> Drawing:
+    """What takes the stages of the array in an UPDATE, clock by clock, in several bands."""
+    code = microcode(NANOSAT_10, Pipeline())
+    plan = code.programs[Routine(Program.UPDATE)].plan
+    found = parts(plan.operations, code.layout)
+    lines = tracks(plan)
+    rows = sorted({part for part in found if part.row is not None}, key=lambda part: part.row or 0)
+    others = [part for part in dict.fromkeys(found) if part.row is None]
+    colours = {part: _shade(number, len(rows)) for number, part in enumerate(rows)}
+    colours |= dict(zip(others, OTHERS, strict=True))
+
+    bands, left, width, gap = 5, 72, 476, 4
+    span = -(-plan.length // bands)
+    heights = {name: 10 if len(each) == 1 else 4 * len(each) for name, each in lines.items()}
+    step = sum(heights.values()) + gap * len(heights) + 24
+    legend = 36 + bands * step
+    d = Drawing(f"What an UPDATE of nanosat's core with {NANOSAT_10.pes} PEs takes, clock by clock",
+                WIDTH, legend + 46 + 24 * -(-len(others) // 3))  # fmt: skip
+    scale = width / span
+    d.text(left, 16, "Clocks run from left to right, and on from band to band", anchor="start")
+    bars: dict[Part, list[tuple[float, float, float, float]]] = {part: [] for part in colours}
+    for band in range(bands):
+        top, start = 36 + band * step, band * span
+        for clock in range(-(-start // 20) * 20, start + span, 20):
+            x = left + (clock - start) * scale
+            d.box(x, top, 0.5, step - 24, stroke="#d5dbe1", radius=0)
+            d.text(x, top + step - 16, str(clock), size=11, fill=DIM)
+        y: float = top
+        for name, each in lines.items():
+            d.text(left - 8, y + heights[name] / 2, name, size=12, anchor="end")
+            height = heights[name] / len(each)
+            for number, line in enumerate(each):
+                for run in runs(line, found):
+                    low, high = max(run.first, start), min(run.first + run.clocks, start + span)
+                    if low < high:
+                        bars[run.part].append(
+                            (left + (low - start) * scale, y + number * height,
+                             (high - low) * scale, height - 0.5 * (len(each) > 1))
+                        )  # fmt: skip
+            y += heights[name] + gap
+    for part, there in bars.items():
+        d.bars(there, colours[part])
+    d.text(14, legend + 10, "row", anchor="start")
+    each = (width + 26) / len(rows)
+    for number, part in enumerate(rows):
+        d.box(46 + number * each, legend, each - 3, 20, str(part.row), fill=colours[part], radius=2)
+    _legend(d, 14, legend + 34, 3, {part.name: colours[part] for part in others})
+    return d
+
+
 #: Functions that draw, by the name of the file.
 DIAGRAMS: dict[str, Callable[[], Drawing]] = {
     "overview": _overview,
@@ -327,6 +388,7 @@ DIAGRAMS: dict[str, Callable[[], Drawing]] = {
     "memory": _memory,
     "iteration": _iteration,
     "schedule": _schedule,
+    "occupancy": _occupancy,
 }
 
 

@@ -10,6 +10,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from typer.testing import CliRunner
+
 from ukf_docs import DOCS, README
 from ukf_docs.markdown import table, thousands
 from ukf_docs.studies import STUDIES
@@ -22,6 +24,7 @@ from ukf_sw.engine.mnemonics import Mnemonics
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program, Routine
+from ukf_tools.cli import app as commands
 from ukf_tools.design_report import paper_2018
 from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
 
@@ -79,12 +82,33 @@ def _listing() -> str:
     return f"```text\n{Mnemonics(code).listing(Routine(Program.PREDICT), found)}\n```"
 
 
+def _printed(*arguments: str) -> str:
+    """What a command prints on 100 columns."""
+    done = CliRunner().invoke(commands, arguments, env={"COLUMNS": "100"})
+    if done.exception is not None:
+        raise done.exception
+    return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
+
+
+def _explained() -> str:
+    """Where the clocks of a program go."""
+    core = ("--problem", "nanosat", "--pes", "10")
+    return f"```text\n{_printed('latency', *core, '--explain', '--program', 'UPDATE')}```"
+
+
+def _pes() -> str:
+    """Numbers of processing elements, the last thing that is printed."""
+    printed = _printed("latency", "--problem", "nanosat", "--pes", "10", "--explain")
+    return f"```text\n{printed[printed.index('Numbers of PEs') :]}```"
+
+
 #: Functions that make sections, by document and name of the section.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"cycles": _cycles},
     DOCS / "registers.md": {"registers": _registers},
     DOCS / "board.md": {"vivado": _vivado},
     DOCS / "inside.md": {"listing": _listing},
+    DOCS / "design-space.md": {"explained": _explained, "pes": _pes},
 }
 for _study in STUDIES.values():
     DOCUMENTS.setdefault(_study.document, {}).update(

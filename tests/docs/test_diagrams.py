@@ -9,6 +9,11 @@ from ukf_docs.diagrams import DIAGRAMS, FOLDER, NANOSAT_10, SMALL, bus_words, dr
 from ukf_docs.drawing import LINE, Drawing
 from ukf_docs.studies import iteration
 from ukf_sw.engine.layout import Layout
+from ukf_sw.engine.microcode import microcode
+from ukf_sw.spec.parameters import Pipeline
+from ukf_sw.spec.sequence import Program, Routine
+from ukf_tools.estimate.occupancy import tracks
+from ukf_tools.estimate.parts import parts
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -74,6 +79,27 @@ def test_memory_has_a_name_for_every_vector():
     assert used == pytest.approx(Layout(NANOSAT_10).used / Layout(NANOSAT_10).depth, rel=1e-4)
     for name in ("x", "L", "X", "W", "V", "Z", "P", "LQ", "LR", "F", "Ex", "Ez", "G", "root"):
         assert re.search(rf"\b{name}: ", shown)
+
+
+def test_occupancy_has_every_clock_of_every_stage():
+    """The areas of all bars, but the gaps between the lines of the tree, are the clocks taken."""
+    root = ElementTree.fromstring(DIAGRAMS["occupancy"]().svg())
+    shapes = [path.attrib["d"] for path in root.iter(f"{SVG}path") if "h-" in path.attrib["d"]]
+    bars = [re.findall(r"M[\d.]+,[\d.]+h([\d.]+)v([\d.]+)h", shape) for shape in shapes]
+    plan = microcode(NANOSAT_10, Pipeline()).programs[Routine(Program.UPDATE)].plan
+    found = tracks(plan)
+    clocks = sum(len(line) for lines in found.values() for line in lines if len(lines) == 1)
+    of_tree = sum(len(line) for line in found["tree"])
+    scale = 476 / -(-plan.length // 5)
+    single = sum(float(width) for shape in bars for width, height in shape if height == "10")
+    assert single == pytest.approx(clocks * scale, rel=1e-2)
+    narrow = sum(float(width) for shape in bars for width, height in shape if height != "10")
+    assert narrow == pytest.approx(of_tree * scale, rel=1e-2)
+    shown = texts(DIAGRAMS["occupancy"]())
+    assert [text for text in shown if text in found] == list(found) * 5
+    for part in parts(plan.operations, Layout(NANOSAT_10)):
+        assert part.name.removeprefix("row ") in shown
+    assert len(shapes) == len(set(parts(plan.operations, Layout(NANOSAT_10))))
 
 
 def test_words_are_those_that_the_driver_moves():

@@ -23,6 +23,8 @@ CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
 DESIGN_SPACE = "tests/system/test_design_space.py"
+EXPLANATION = "tests/system/test_explanation.py"
+RECOMMENDATION = "tests/system/test_recommendation.py"
 C_DRIVER = "tests/system/test_c_driver.py"
 C_RECOVERY = "tests/system/test_c_recovery.py"
 C_MODELS = "tests/system/test_c_models.py"
@@ -72,7 +74,7 @@ MUTANTS = [
     ),
     Mutant(
         "latency: redrawing is not counted", "tools/ukf_tools/estimate/latency.py",
-        'programs["SIG_GEN_PREDICTED"] if redraws else 0', "0",
+        "    if redraws:", "    if False:",
         f"{DESIGN_SPACE} -k redrawing",
     ),
     Mutant(
@@ -80,6 +82,39 @@ MUTANTS = [
         "tools/ukf_tools/estimate/latency.py",
         "redrawn = redraws or sensor > 0", "redrawn = redraws",
         "tests/system/test_cli.py -k latency",
+    ),
+    Mutant(
+        "explain: the adders of the accumulator are overlooked",
+        "tools/ukf_tools/estimate/occupancy.py",
+        "for level in range(timing.levels + 1)]", "for level in range(max(timing.levels, 1))]",
+        f"{EXPLANATION} -k tracks",
+    ),
+    Mutant(
+        "explain: any predecessor will do", "tools/ukf_tools/estimate/waits.py",
+        "+ distance == self.ready[index]", "+ distance <= self.ready[index]",
+        f"{EXPLANATION} -k chain",
+    ),
+    Mutant(
+        "explain: nothing is ever held back", "tools/ukf_tools/estimate/waits.py",
+        "if clock not in reasons or reason is Reason.HELD_BACK:", "if clock not in reasons:",
+        f"{EXPLANATION} -k held_back",
+    ),
+    Mutant(
+        "explain: what subtracts a row belongs to none", "tools/ukf_tools/estimate/parts.py",
+        "multiplied[operation.destination] = row", "pass",
+        f"{EXPLANATION} -k rows_of",
+    ),
+    Mutant(
+        "numbers of PEs: larger ones that use lanes better do not count",
+        "tools/ukf_tools/estimate/recommendation.py",
+        "for larger in cycles if larger > pes", "for larger in ()",
+        RECOMMENDATION,
+    ),
+    Mutant(
+        "numbers of PEs: an update from drawn points is not counted whole",
+        "tools/ukf_tools/estimate/recommendation.py",
+        "if program is Program.UPDATE_REDRAWN:", "if False:",
+        f"{RECOMMENDATION} -k core",
     ),
     Mutant(
         "words: redrawing is not counted", "tools/ukf_tools/design_space/traffic.py",

@@ -5,6 +5,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program, Routine
 from ukf_tools.cli import app
 from ukf_tools.cli.apps import apps_app
+from ukf_tools.estimate.latency import latency
+from ukf_tools.estimate.recommendation import recommended
 
 TINY = ["--n", "2", "--m", "1", "--q", "1", "--r", "1", "--pes", "2"]
 TINY_PARAMS = UkfParams(n=2, m=1, q=1, r=1, pes=2)
@@ -135,6 +138,70 @@ def test_latency_depends_on_the_pipeline(ukf):
     clocks = microcode(TINY_PARAMS, pipeline).clocks(Program.UPDATE)
     assert record["steps"]["UPDATE"] == clocks
     assert record["pipeline"] == {"multiply": 5, "add": 6, "reciprocal_sqrt": 12}
+
+
+def test_latency_explained(ukf):
+    """Every program with what its clocks are spent on, then the numbers of PEs."""
+    record = json.loads(ukf("latency", *TINY, "--explain", "--json").stdout)
+    assert record["total"] == json.loads(ukf("latency", *TINY, "--json").stdout)["total"]
+    code = microcode(TINY_PARAMS, Pipeline())
+    assert [each["program"] for each in record["explanations"]] == [each.name for each in Program]
+    for each in record["explanations"]:
+        assert each["clocks"] == len(code.words_of(Program[each["program"]]))
+        idle = each["idle"]
+        assert each["issued"] + idle["clocks"] == each["clocks"]
+        assert sum(idle["reasons"].values()) == len(idle["by_clock"]) == idle["clocks"]
+        assert each["ratio_to_largest_bound"] == each["clocks"] / max(each["bounds"].values())
+        assert 0 < each["lanes"]["useful"] <= each["lanes"]["of_beats"]
+        assert each["chain"][0]["waits_for"] is None
+        assert all(step["text"] and step["part"] for step in each["chain"])
+        assert sum(stretch["clocks"] for stretch in each["stretches"]) == each["clocks"]
+    choices = record["pes"]["choices"]
+    assert [choice["pes"] for choice in choices] == list(range(1, TINY_PARAMS.columns + 1))
+    assert choices[1]["cycles"] == record["total"]
+    assert "recommended" in record["pes"]["rule"]
+
+
+def test_latency_explained_for_people(ukf):
+    result = ukf("latency", *TINY, "--explain")
+    code = microcode(TINY_PARAMS, Pipeline())
+    for program in Program:
+        length = len(code.words_of(program))
+        assert f"{program.name}: {length} clocks, " in result.stdout
+    assert "row 0" in result.stdout
+    assert "program ends" in result.stdout
+    cycles = {
+        pes: latency(replace(TINY_PARAMS, pes=pes), Pipeline(), redraws=False)["total"]
+        for pes in range(1, TINY_PARAMS.columns + 1)
+    }
+    good = ", ".join(map(str, recommended(cycles)))
+    fastest = min(cycles, key=lambda pes: cycles[pes])
+    assert f"Recommended: {good}. Fastest: {fastest}. A number of PEs is" in result.stdout
+    assert "Scheduling for other numbers of PEs" in result.stderr
+
+
+def test_latency_of_a_program_explained(ukf):
+    """That of each sensor; nothing about other programs, and no other core is scheduled."""
+    options = ("--n", 2, "--m", 3, "--sensors", "1+2", "--explain", "--program", "update")
+    record = json.loads(ukf("latency", *options, "--json").stdout)
+    names = [f"UPDATE of sensor {k}" for k in (0, 1)]
+    assert [each["program"] for each in record["explanations"]] == names
+    assert "pes" not in record
+    text = ukf("latency", *options).stdout
+    assert "SIG_GEN" not in text
+    assert "Recommended" not in text
+    assert all(name in text for name in names)
+
+
+def test_latency_drawn(ukf, tmp_path):
+    text = ukf("latency", *TINY, "--plot", "pictures/update.svg").stdout
+    assert text.endswith("Plot: pictures/update.svg\n")
+    assert "total" in text
+    drawn = (tmp_path / "pictures/update.svg").read_text()
+    assert drawn.startswith("<?xml")
+    options = ("--plot", "other.png", "--program", "PREDICT", "--json")
+    assert json.loads(ukf("latency", *TINY, *options).stdout)["plot"] == "other.png"
+    assert (tmp_path / "other.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
@@ -507,6 +574,18 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
             "--add-stages must be between 1 and 8",
         ),
         (("latency", "--n", 2, "--m", 1, "--form", "cubic"), "--form: 'cubic' is not one of"),
+        (
+            ("latency", "--n", 2, "--m", 1, "--explain", "--program", "draw"),
+            "--program must be one of INIT, SIG_GEN, ",
+        ),
+        (
+            ("latency", "--n", 2, "--m", 1, "--program", "UPDATE"),
+            "--program must come with --explain or --plot",
+        ),
+        (
+            ("latency", "--n", 2, "--m", 1, "--plot", "update.txt"),
+            "--plot must end with .png or .svg or .pdf or .jpg, not 'update.txt'",
+        ),
         (("latency", "--n", "two", "--m", 1), "--n must be a whole number, not 'two'"),
         (
             ("generate", "--n", 2, "--m", 1, "--q", 1, "--process-noise", "additive"),

@@ -26,6 +26,7 @@ from ukf_tools.design_space.points import Point
 from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
 from ukf_tools.estimate import ecp5, series7
 from ukf_tools.estimate.latency import latency
+from ukf_tools.estimate.recommendation import RULE, recommended
 
 NANOSAT_CORE = Core(params=NANOSAT, problem="nanosat")
 
@@ -200,6 +201,17 @@ def test_latency_has_one_scale(rows):
         for value in values_of(chart.spec):
             bars[number, value["core"]] = bars.get((number, value["core"]), 0.0) + value["time"]
     assert (low, high) == (0.0, max(bars.values())) == (0.0, paper_2018.LATENCY[1].core)
+
+
+def test_latency_names_the_numbers_that_are_recommended(rows):
+    """By the rule that `ukf latency --explain` has."""
+    charts = [chart for chart in draw(rows) if chart.name in ("latency-1", "latency-2")]
+    for chart, fixed in zip(charts, (400, 300), strict=True):
+        good = recommended({pes: 5000 // pes + fixed for pes in (1, 2, 10)})
+        said = ", ".join(map(str, good))
+        assert f"Recommended numbers of PEs, of these: {said}. {RULE}" in chart.caption
+    made = [row(Point.of(NANOSAT_CORE, pes=2), cycles=500, lut=900)]
+    assert not any("ecommended" in chart.caption for chart in draw(made))
 
 
 def test_series_of_one_core_share_a_chart():

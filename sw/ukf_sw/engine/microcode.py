@@ -135,7 +135,7 @@ def _cost(code: ProgramCode) -> float:
 
 
 def _words(code: ProgramCode, sets: Mapping[int, int]) -> list[dict[str, int]]:
-    """Give the fields of the control words of a program; `sets` are numbers of the sets of lanes."""
+    """Give the fields of the control words of a program; `sets` has numbers of sets of lanes."""
     plan = code.plan
     words: list[dict[str, int]] = [{} for _ in range(plan.length)]
     for operation, issue in zip(plan.operations, plan.issue, strict=True):

@@ -18,7 +18,7 @@ from ukf_sw.engine.layout import BANK_NONE, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.timing import Timing
 
-__all__ = ["MARGIN", "Schedule", "schedule", "schedules"]
+__all__ = ["MARGIN", "Schedule", "dependences", "schedule", "schedules"]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Schedule:
     length: int
 
 
-def _dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tuple[int, int]]]:
+def dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tuple[int, int]]]:
     """For each operation its predecessors and the least distance of the two issues.
 
     Reads wait until the word has been written by all who write a part of it before; writes wait
@@ -290,7 +290,7 @@ class _Scheduler:
         self._finish = [_finish(operation, timing) for operation in operations]
         self._waiting: list[int] = []
         self._successors: list[list[tuple[int, int]]] = [[] for _ in operations]
-        for index, edges in enumerate(_dependences(operations, timing)):
+        for index, edges in enumerate(dependences(operations, timing)):
             self._waiting.append(len(edges))
             for predecessor, distance in edges:
                 self._successors[predecessor].append((index, distance))

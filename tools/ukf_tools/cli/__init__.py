@@ -11,8 +11,9 @@ from ukf_tools.cli.c_software import c_arm, c_loop, export
 from ukf_tools.cli.commands import Commands
 from ukf_tools.cli.cosim import cosim
 from ukf_tools.cli.disassemble import disassemble
-from ukf_tools.cli.estimates import latency, resources, timing
+from ukf_tools.cli.estimates import resources, timing
 from ukf_tools.cli.generate import generate
+from ukf_tools.cli.latency import latency
 from ukf_tools.cli.new import new
 from ukf_tools.cli.package import package, write_testbench
 from ukf_tools.cli.run import run

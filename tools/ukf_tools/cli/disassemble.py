@@ -1,13 +1,13 @@
 """Command ``ukf disassemble``."""
 
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from ukf_sw.spec.core import Core
-from ukf_sw.spec.sequence import Program
-from ukf_tools.cli.console import JsonOption, checked, print_json
+from ukf_tools.cli.console import JsonOption, print_json
 from ukf_tools.cli.options import with_core
+from ukf_tools.cli.programs import ProgramOption, chosen
 
 __all__ = ["disassemble"]
 
@@ -21,14 +21,7 @@ s3: register of the scalar file. x', L': the copies that become current at the e
 @with_core
 def disassemble(
     core: Core,
-    program: Annotated[
-        str | None,
-        typer.Option(
-            "--program",
-            metavar="NAME",
-            help=f"{', '.join(each.name for each in Program)}; all of them by default.",
-        ),
-    ] = None,
+    program: ProgramOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the programs of a core as its control words say them: clock, operation, operands.
@@ -39,13 +32,9 @@ def disassemble(
     from ukf_sw.engine.microcode import microcode
     from ukf_sw.engine.mnemonics import Mnemonics, say_columns
 
-    chosen = list(Program) if program is None else [_find(program)]
     code = microcode(core.params, core.pipeline)
     mnemonics = Mnemonics(code)
-    found = {
-        each: disassembler.disassemble(code, *each)
-        for wanted in chosen for each in code.programs if each.program is wanted
-    }  # fmt: skip
+    found = {each: disassembler.disassemble(code, *each) for each in chosen(program, code.programs)}
     if as_json:
         programs: list[dict[str, Any]] = [
             {
@@ -64,13 +53,3 @@ def disassemble(
     typer.echo(f"Columns: {', '.join(spans)}.\n{_LEGEND}")
     for each, instructions in found.items():
         typer.echo("\n" + mnemonics.listing(each, instructions))
-
-
-def _find(name: str) -> Program:
-    """Give the program of a name."""
-    with checked():
-        try:
-            return Program[name.upper()]
-        except KeyError:
-            known = ", ".join(each.name for each in Program)
-            raise ValueError(f"--program must be one of {known}, not {name!r}") from None

@@ -1,4 +1,4 @@
-"""Commands about what a core takes: ``ukf latency``, ``ukf resources``, ``ukf timing``."""
+"""Commands about what a core takes: ``ukf resources``, ``ukf timing``."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,52 +17,15 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.lists import numbers
-from ukf_tools.cli.names import with_sensor
 from ukf_tools.cli.options import with_core
 from ukf_tools.cli.paths import folder_option
 
-__all__ = ["latency", "resources", "timing"]
+__all__ = ["resources", "timing"]
 
 CacheOption = Annotated[
     Path, folder_option("--cache", "Folder of results, shared with `ukf sweep`.")
 ]
 _CACHE = Path("build/design-space")
-
-
-@with_core
-def latency(core: Core, as_json: JsonOption = False) -> None:
-    """Print the cycles of every step, from the schedule: what the core's counter will read.
-
-    An iteration is a predict, with new sigma points if the problem draws them there, and an update
-    with every sensor.
-    """
-    from ukf_tools.estimate.latency import latency as compute
-
-    record = compute(core.params, core.pipeline, redraws=core.redraws)
-    if as_json:
-        print_json(record | core.record())
-        return
-    results.print(f"[bold]{core.title}[/]", soft_wrap=True)
-    table = Table()
-    table.add_column("step")
-    table.add_column("cycles", justify="right")
-    for name, cycles in record["steps"].items():
-        table.add_row(with_sensor(name, core.problem), str(cycles))
-    table.add_row("total", str(record["total"]), style="bold", end_section=True)
-    for name, cycles in record["programs"].items():
-        table.add_row(with_sensor(name, core.problem), str(cycles))
-    results.print(table)
-    drawn = (
-        "SIG_GEN is the drawing of new points after PREDICT."
-        if core.redraws
-        else "Nothing is drawn between PREDICT and UPDATE."
-    )
-    results.print(
-        f"{drawn} An UPDATE leaves the next sigma points; a PREDICT after a PREDICT draws them "
-        "first, by SIG_GEN_PREDICTED. Below the total: each program from start to end; "
-        "UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
-        soft_wrap=True,
-    )
 
 
 def _netlist(core: Core, cache: Path) -> Any:

@@ -11,6 +11,7 @@ import vl_convert
 from ukf_sw.spec.core import PARAMETERS
 from ukf_tools.design_report import paper_2018
 from ukf_tools.design_report.series import Row, comparable, in_series
+from ukf_tools.estimate.recommendation import RULE, recommended
 
 __all__ = ["VEGA_LITE", "Chart", "draw", "pareto", "save"]
 
@@ -133,6 +134,7 @@ def _colours(labels: Sequence[str], *, paper: bool) -> alt.Color:
 def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
     """Time of each step over processing elements, a chart for each series and for the paper."""
     stacks: dict[str, list[dict[str, Any]]] = {}
+    advice: dict[str, str] = {}
     lonely: list[dict[str, Any]] = []
     for label, group in in_series(rows).items():
         values = [
@@ -149,8 +151,10 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
         same = next((other for other, known in stacks.items() if known == values), None)
         if same is not None:
             stacks[f"{same}; {label}"] = stacks.pop(same)
+            advice[f"{same}; {label}"] = advice.pop(same)
         elif values:
             stacks[label] = values
+            advice[label] = _advice(group)
     if lonely:
         stacks[CORES] = lonely
     if not stacks:
@@ -199,6 +203,7 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
             caption = (
                 f"Steps of the core at {', '.join(clocks)} MHz, from the schedule; bus and models "
                 "apart. UPDATE makes the next sigma points, so there is no SIG_GEN."
+                + advice.get(label, "")
             )
         yield Chart(
             name="latency-paper" if label == PAPER else f"latency-{number}",
@@ -207,6 +212,15 @@ def _latency(rows: Sequence[Row]) -> Iterator[Chart]:
             caption=caption,
             spec=_spec(chart),
         )
+
+
+def _advice(rows: Sequence[Row]) -> str:
+    """Say which numbers of processing elements of a series are recommended."""
+    cycles = {row["pes"]: row["cycles"] for row in rows if row["cycles"] is not None}
+    if len(cycles) == 1:
+        return ""
+    good = ", ".join(map(str, recommended(cycles)))
+    return f" Recommended numbers of PEs, of these: {good}. {RULE}"
 
 
 def _highest(values: Sequence[dict[str, Any]]) -> float:

@@ -4,9 +4,37 @@ from typing import Any
 
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program, Routine, Step
+from ukf_sw.spec.sequence import Program, Routine, Step, of_sensor
 
-__all__ = ["latency"]
+__all__ = ["iteration", "latency"]
+
+
+def iteration(params: UkfParams, *, redraws: bool) -> dict[str, Routine]:
+    """Give the program that each step of an iteration runs, by the name of the step.
+
+    Parameters
+    ----------
+    params
+        What the core computes.
+    redraws
+        Whether the filter draws new sigma points after every predict.
+
+    Returns
+    -------
+    dict
+        A SIG_GEN after PREDICT if it redraws, and none after an UPDATE, which leaves the next sigma
+        points; an UPDATE of each sensor, one after the other.
+    """
+    steps = {Step.PREDICT.name: Routine(Program.PREDICT)}
+    if redraws:
+        steps[Step.SIG_GEN.name] = Routine(Program.SIG_GEN_PREDICTED)
+    sensors = len(params.sensor_rows)
+    for sensor in range(sensors):
+        # Only the first sensor finds the residuals of the prediction, if nothing was redrawn.
+        redrawn = redraws or sensor > 0
+        program = Program.UPDATE_REDRAWN if redrawn else Program.UPDATE
+        steps[of_sensor(Step.UPDATE.name, sensor, sensors)] = Routine(program, sensor)
+    return steps
 
 
 def latency(params: UkfParams, pipeline: Pipeline, *, redraws: bool) -> dict[str, Any]:
@@ -17,23 +45,17 @@ def latency(params: UkfParams, pipeline: Pipeline, *, redraws: bool) -> dict[str
     params, pipeline
         The core.
     redraws
-        Whether the filter draws new sigma points after every predict.
+        As of :func:`iteration`.
 
     Returns
     -------
     dict
-        ``steps`` of an iteration and their ``total``: a SIG_GEN after PREDICT if it redraws, and
-        none after an UPDATE, which leaves the next sigma points; an UPDATE of each sensor, one
-        after the other. ``programs``, each with its length from start to end.
+        ``steps`` of an iteration and their ``total``; a SIG_GEN that is not drawn takes none.
+        ``programs``, each with its length from start to end.
     """
     code = microcode(params, pipeline)
     programs = {code.name_of(each): code.clocks(*each) for each in code.programs}
-    drawn = programs["SIG_GEN_PREDICTED"] if redraws else 0
-    steps = {Step.PREDICT.name: programs["PREDICT"], Step.SIG_GEN.name: drawn}
-    for sensor in range(len(params.sensor_rows)):
-        # Only the first sensor finds the residuals of the prediction, if nothing was redrawn.
-        redrawn = redraws or sensor > 0
-        program = Program.UPDATE_REDRAWN if redrawn else Program.UPDATE
-        name = code.name_of(Routine(Program.UPDATE, sensor))
-        steps[name] = code.clocks(program, sensor)
+    steps = {Step.PREDICT.name: 0, Step.SIG_GEN.name: 0}  # in their order
+    for name, each in iteration(params, redraws=redraws).items():
+        steps[name] = code.clocks(*each)
     return {"steps": steps, "total": sum(steps.values()), "programs": programs}
