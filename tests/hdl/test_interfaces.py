@@ -732,6 +732,6 @@ def test_the_page_has_every_field_and_region(params):
 @pytest.mark.parametrize("params", CONFIGURATIONS)
 def test_every_description_says_which_columns_the_core_writes(params):
     """X has a column for every sigma point, but SIG_GEN writes n + 2 of them."""
-    written = f"write columns 0 to n + 1 = {params.n + 1} only"
+    written = f"write columns {params.points.start} to n + 1 = {params.n + 1} only"
     for name in ("ukf_core.json", "ukf_core.svd", "ukf_core.md", "c/ukf_core.h"):
         assert texts(params)[name].count(written) == 1, name

@@ -183,7 +183,8 @@ class Buffer(wiring.Component):
                     m.d.comb += valid.eq((row < region.rows) & (column < region.columns))
         if not isinstance(is_state, Const):
             region_field = Mux(is_state, self._map["x"].index, region_field)
-            row, column = Mux(is_state, 0, row), Mux(is_state, row, column)
+            column = Mux(is_state, row, column)
+            row = Mux(is_state, 0, row)
         first = Signal(range(max(self._first.values()) + 1))
         offset = Signal(self._layout.address_width)
         with m.Switch(region_field):
