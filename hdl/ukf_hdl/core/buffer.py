@@ -89,6 +89,8 @@ class Buffer(wiring.Component):
         self._first = {}
         self._bases = {}
         self._distances = {}
+        if self._location(self._map["x"], 0, 0) != (0, 0):
+            raise ValueError("Layout must have x at the start of the memories")
         for region in self._map:
             self._first[region] = self._location(region, 0, 0)[0]
             self._distances[region] = self._bank_distances(region)
@@ -170,7 +172,10 @@ class Buffer(wiring.Component):
         return one_of(FirstColumn.STATE), one_of(FirstColumn.EMPTY)
 
     def _elaborate_decode(self, m, is_state):
-        """From the fields of an address to a place; `is_state`: row i is column i of x."""
+        """From the fields of an address to a place.
+
+        If `is_state`, row i is column i of x, which is at the start of the memories.
+        """
         region_field, row, column = self._fields()
         pes = self._params.pes
         regions = tuple(self._map)
@@ -181,10 +186,6 @@ class Buffer(wiring.Component):
             for region in regions:
                 with m.Case(region.index):
                     m.d.comb += valid.eq((row < region.rows) & (column < region.columns))
-        if not isinstance(is_state, Const):
-            region_field = Mux(is_state, self._map["x"].index, region_field)
-            column = Mux(is_state, row, column)
-            row = Mux(is_state, 0, row)
         first = Signal(range(max(self._first.values()) + 1))
         offset = Signal(self._layout.address_width)
         with m.Switch(region_field):
@@ -198,12 +199,15 @@ class Buffer(wiring.Component):
                             with m.If(bank):
                                 m.d.comb += offset.eq(distance)
 
+        with m.If(is_state & self.banks.state):
+            m.d.comb += offset.eq(self._distances[self._map["x"]][0])
+
         # Per position: lane and beat.
         last = max(self._first[region] + region.columns for region in regions) - 1
         position = Signal(range(last + 1))
         lane = Signal(range(pes))
         beat = Signal(range(last // pes + 1))
-        m.d.comb += position.eq(first + column)
+        m.d.comb += position.eq(first + Mux(is_state, row, column))
         if pes == 1 << ceil_log2(pes):
             m.d.comb += [lane.eq(position), beat.eq(position >> ceil_log2(pes))]
         else:
@@ -219,7 +223,7 @@ class Buffer(wiring.Component):
                 with m.Case(region.index << len(row) | index):
                     m.d.comb += base.eq(value)
         address = Signal(self._layout.address_width)
-        m.d.comb += address.eq((base | offset) + beat)
+        m.d.comb += address.eq((Mux(is_state, 0, base) | offset) + beat)
         return valid, lane, address
 
     def _bank_distances(self, region):

@@ -153,14 +153,12 @@ def _init(b: ProgramBuilder) -> None:
             for j in range(length):
                 b.load(vector, offset + j)
     # Above the diagonal the factors are zero, whatever the bus has written.
-    sensors = [
-        layout.Z[rows.start : rows.stop] for rows in map(p.rows_of, range(len(p.sensor_rows)))
-    ]
-    for rows, (start, stop) in (
-        (layout.X, layout.noise_q),
-        *((Z, layout.noise_r) for Z in sensors),
-    ):
-        for i, row in enumerate(rows):
+    noises = [(layout.X, layout.noise_q)]
+    for sensor in range(len(p.sensor_rows)):
+        own = p.rows_of(sensor)
+        noises.append((layout.Z[own.start : own.stop], layout.noise_r))
+    for points, (start, stop) in noises:
+        for i, row in enumerate(points):
             b.multiply(row, layout.ones, layout.ones, [(start + i + 1, stop)])
     first = 0
     for factor, points in ((layout.LQ, layout.W), (layout.LR, layout.V)):
