@@ -121,6 +121,17 @@ def test_a_layout_that_the_tables_cannot_hold_is_rejected(element, banks, messag
         Buffer(params, Odd(params))
 
 
+def test_a_layout_with_x_elsewhere_is_rejected():
+    class Odd(Layout):
+        def buffer_location(self, symbol, row, column, **kwargs):
+            lane, address = super().buffer_location(symbol, row, column, **kwargs)
+            return lane, address + (symbol == "x")
+
+    params = UkfParams(n=2, m=1)
+    with pytest.raises(ValueError, match=r"^Layout must have x at the start of the memories$"):
+        Buffer(params, Odd(params))
+
+
 @pytest.mark.parametrize("params", SHAPES)
 def test_every_address_is_an_element_or_refused(params):
     """Fill the memories, then read and write every word of the map, and look where it went."""

@@ -73,6 +73,59 @@ MUTANTS = [
         "tests/sw/test_problem.py tests/sw/test_schedule.py",
     ),
     Mutant(
+        "buffer: column 0 of X is not x", "hdl/ukf_hdl/core/buffer.py",
+        "return one_of(FirstColumn.STATE), one_of(FirstColumn.EMPTY)",
+        "return Const(0), one_of(FirstColumn.EMPTY)",
+        "tests/hdl/test_buffer.py -k every_address",
+    ),
+    Mutant(
+        "buffer: a write to column 0 reaches the measurement", "hdl/ukf_hdl/core/buffer.py",
+        "self.memory.write.eq(writing & ~fixed)", "self.memory.write.eq(writing)",
+        "tests/hdl/test_buffer.py -k every_address",
+    ),
+    Mutant(
+        "buffer: column 0 of Z shows the measurement", "hdl/ukf_hdl/core/buffer.py",
+        "blank.eq(~valid | self.busy | is_empty)", "blank.eq(~valid | self.busy)",
+        "tests/hdl/test_buffer.py -k every_address",
+    ),
+    Mutant(
+        "golden: column 0 of X is that of the right-hand side", "sw/ukf_sw/golden/buffer.py",
+        "if kind is FirstColumn.STATE:", "if kind is None:",
+        "tests/sw/test_golden_core.py",
+    ),
+    Mutant(
+        "programs: a beat of noise too few", "sw/ukf_sw/engine/programs.py",
+        "self.observation_dots(self._rows - 1)", "self.observation_dots(0)",
+        "tests/sw/test_filter.py tests/sw/test_problem.py",
+    ),
+    Mutant(
+        "programs: noise above the diagonal is not cleared", "sw/ukf_sw/engine/programs.py",
+        "b.multiply(row, layout.ones, layout.ones, [(start + i + 1, stop)])",
+        "b.multiply(row, layout.ones, layout.ones, [(stop, stop)])",
+        "tests/sw/test_golden_core.py",
+    ),
+    Mutant(
+        "scheduler: which of equal schedules is kept is chance", "sw/ukf_sw/engine/scheduler.py",
+        "(-urgency[successor], successor)",
+        "(-urgency[successor] - hash(str(successor)) % 2 / 4, successor)",
+        "tests/sw/test_schedule.py",
+    ),
+    Mutant(
+        "microcode: the longest of the schedules is kept", "sw/ukf_sw/engine/microcode.py",
+        "min(codes, key=_cost)", "max(codes, key=_cost)",
+        "tests/sw/test_schedule.py",
+    ),
+    Mutant(
+        "parameters: angles are wrapped to point 1", "sw/ukf_sw/spec/parameters.py",
+        "return 0 if self.W0 else self.N - 1", "return 0 if self.W0 else 1",
+        "tests/sw/test_filter.py tests/sw/test_parameters.py",
+    ),
+    Mutant(
+        "driver: x from before an update is given", "sw/ukf_sw/drivers/driver.py",
+        "x, self._x = self._x, None", "x = self._x",
+        "tests/sw/test_driver.py tests/sw/test_filter.py",
+    ),
+    Mutant(
         "latency: redrawing is not counted", "tools/ukf_tools/estimate/latency.py",
         "    if redraws:", "    if False:",
         f"{DESIGN_SPACE} -k redrawing",
