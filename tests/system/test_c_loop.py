@@ -47,11 +47,15 @@ def test_c_drives_the_verilog_bit_for_bit(core_cache):
     made = scenario()
     code = microcode(made.params, Pipeline())
     steps = sum(code.clocks(program) for program in (Program.PREDICT, Program.UPDATE))
+    n, m, points = made.params.n, made.params.m, len(made.params.points)
+    # Points up to n + 1, and x; what f and h make of all; z.
+    words = n * (n + 2 - made.params.points.start) + n + (n + m) * points + m
     for options in ({}, {"interrupt": False}, {"word_clocks": 15.6}):
         outcome = run_c_in_the_loop(made, STEPS, cache=core_cache, optimise=False, **options)
         assert outcome.mismatch is None
         assert not outcome.results.results.any()
-        assert outcome.words > 362 * STEPS
+        # Each step has a start and two looks at least; P at the end, INIT and identity come on top.
+        assert words + 9 < outcome.words / STEPS < words + 60
         assert outcome.clocks >= outcome.bus_clocks + ("interrupt" not in options) * steps * STEPS
         word = outcome.bus_clocks / outcome.words
         if "word_clocks" in options:
@@ -71,7 +75,7 @@ def test_c_drives_the_verilog_bit_for_bit(core_cache):
     assert outcome.results.covariances.shape == (STEPS, 7, 7)
     assert (outcome.results.covariances[-1] == plain.P).all()
     # The triangle, the start bit, STATUS and INTERRUPT_PENDING, ERROR, at each step.
-    assert outcome.words > (362 + 28 + 4) * STEPS
+    assert outcome.words > (words + 28 + 4) * STEPS
 
 
 @needs_cc
