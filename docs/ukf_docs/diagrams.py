@@ -251,8 +251,9 @@ def _memory() -> Drawing:
 
 def bus_words(params: UkfParams) -> dict[str, int]:
     """Give the words that an iteration of read estimates moves, by what they are."""
-    n, m, points = params.n, params.m, params.N
-    return {"X of SIG_GEN": n * (n + 2), "X": n * points, "Z, z": m * (points + 1), "x": n}
+    n, m, points = params.n, params.m, len(params.points)
+    drawn = n + 2 - params.points.start
+    return {"X of SIG_GEN": n * drawn, "X": n * points, "Z, z": m * (points + 1), "x": n}
 
 
 def _iteration() -> Drawing:
@@ -279,8 +280,9 @@ def _iteration() -> Drawing:
                        "elimination: x, L,", "next sigma points")),
         )
     ]  # fmt: skip
+    drawn, points = (words[key] // NANOSAT_10.n for key in ("X of SIG_GEN", "X"))
     bus = [(f"{label}:", f"{words[key]} words") for key, label in (
-        ("X of SIG_GEN", f"X, {NANOSAT_10.n + 2} columns"), ("X", f"X, {NANOSAT_10.N} columns"),
+        ("X of SIG_GEN", f"X, {drawn} columns"), ("X", f"X, {points} columns"),
         ("Z, z", "Z and z"), ("x", "x"))]  # fmt: skip
     for start, end, label in (
         (core[0].left(), software[0].right(0.3), bus[0]),

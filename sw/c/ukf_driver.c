@@ -78,6 +78,18 @@ static enum ukf_result judged(struct ukf_driver *driver, enum ukf_result result)
     return result;
 }
 
+/* Sigma points. */
+
+uint32_t ukf_core_first_point(const struct ukf_core *core)
+{
+    return core->w0_low == 0u && core->w0_high == 0u ? 1u : 0u;
+}
+
+uint32_t ukf_core_centre(const struct ukf_core *core)
+{
+    return ukf_core_first_point(core) == 0u ? 0u : core->points - 1u;
+}
+
 /* Sensors. */
 
 /** As many of the lowest bits as there are rows. */
@@ -284,6 +296,9 @@ enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint3
     if (result != UKF_OK) {
         return result;
     }
+    if (base == core->state) {
+        driver->x_known = false;
+    }
     if (base == core->factor) {
         driver->predicted = false; /* L replaces the covariance of a prediction */
     }
@@ -441,6 +456,7 @@ static enum ukf_result reset(struct ukf_driver *driver)
 
     driver->initialised = false;
     driver->mask_known = false;
+    driver->x_known = false;
     result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | UKF_CONTROL_RESET_MASK);
     if (result == UKF_OK) {
         result = put(driver, UKF_INTERRUPT_PENDING_OFFSET, EVENTS);
@@ -580,31 +596,88 @@ enum ukf_result ukf_driver_generate(struct ukf_driver *driver)
     return result;
 }
 
-enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *before,
-                                   ukf_real *points)
+enum ukf_result ukf_driver_state(struct ukf_driver *driver, ukf_real *x)
 {
     const struct ukf_core *core = driver->core;
     enum ukf_result result = ukf_driver_check(driver);
+
+    if (result == UKF_OK && !driver->x_known) {
+        result = ukf_driver_read(driver, core->state, 1u, core->n, core->n, driver->x);
+        driver->x_known = result == UKF_OK;
+    }
+    if (result == UKF_OK) {
+        memcpy(x, driver->x, core->n * sizeof *x);
+    }
+    return result;
+}
+
+enum ukf_result ukf_driver_points(struct ukf_driver *driver, ukf_real *points)
+{
+    const struct ukf_core *core = driver->core;
+    const uint32_t first = ukf_core_first_point(core);
+    const uint32_t drawn = core->n + 2u;
+    ukf_real x[UKF_MAX_SIZE];
+    enum ukf_result result =
+        ukf_driver_read(driver, core->state_points + first * core->element_bytes, core->n,
+                        drawn - first, core->points, points + first);
+
+    if (result == UKF_OK && first == 0u) {
+        for (uint32_t i = 0; i < core->n; i++) {
+            driver->x[i] = points[i * core->points];
+        }
+        driver->x_known = true;
+    }
+    if (result == UKF_OK) {
+        result = ukf_driver_state(driver, x);
+    }
+    for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
+        for (uint32_t k = drawn; k < core->points; k++) {
+            points[i * core->points + k] = x[i];
+        }
+    }
+    return result;
+}
+
+/** Write the sigma points of some rows of a region. */
+static enum ukf_result put_points(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                  const ukf_real *points)
+{
+    const struct ukf_core *core = driver->core;
+    const uint32_t first = ukf_core_first_point(core);
+
+    return ukf_driver_write(driver, base + first * core->element_bytes, rows, core->points - first,
+                            core->points, points + first);
+}
+
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points)
+{
+    const struct ukf_core *core = driver->core;
+    ukf_real x[UKF_MAX_SIZE];
+    enum ukf_result result = ukf_driver_state(driver, x);
     uint32_t status;
 
     if (result != UKF_OK) {
         return result;
     }
     driver->step = UKF_STEP_PREDICT; /* its points are about to be overwritten */
+    driver->x_known = false;
     if (!driver->predicted) {
         driver->predicted = true;
-        memcpy(driver->before, before, core->n * sizeof *before);
+        memcpy(driver->before, x, core->n * sizeof *x);
     }
-    result = ukf_driver_write(driver, core->state_points, core->n, core->points, core->points,
-                              points);
+    result = put_points(driver, core->state_points, core->n, points);
     if (result == UKF_OK) {
         result = run(driver, UKF_STEP_PREDICT, 0u, &status);
     }
     if (is_refusal(result)) {
         driver->predicted = false;
     }
-    for (uint32_t i = 0; result == UKF_OK && i < core->n * core->points; i++) {
-        points[i] = ukf_driver_round(driver, points[i]);
+    for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
+        ukf_real *row = points + i * core->points;
+
+        for (uint32_t k = ukf_core_first_point(core); k < core->points; k++) {
+            row[k] = ukf_driver_round(driver, row[k]);
+        }
     }
     return result;
 }
@@ -634,6 +707,7 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
     struct ukf_range rows;
     uint32_t offset;
     uint32_t status;
+    bool known;
 
     if (result != UKF_OK) {
         return result;
@@ -645,8 +719,7 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
     offset = rows.first * core->row_stride;
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = ukf_driver_write(driver, core->observation_points + offset, rows.count,
-                                  core->points, core->points, points);
+        result = put_points(driver, core->observation_points + offset, rows.count, points);
     }
     if (result == UKF_OK) {
         result = ukf_driver_write(driver, core->observation + offset, rows.count, 1u, 1u, z);
@@ -654,13 +727,17 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
     if (result == UKF_OK) {
         result = put_mask(driver, rows, mask);
     }
-    if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_UPDATE, sensor, &status);
+    if (result != UKF_OK) {
+        return result;
     }
+    known = driver->x_known;
+    driver->x_known = false;
+    result = run(driver, UKF_STEP_UPDATE, sensor, &status);
     if (result != UKF_OK) {
         return result;
     }
     *gated = (status & UKF_STATUS_GATED_MASK) != 0u;
+    driver->x_known = known && *gated;
     driver->predicted = driver->predicted && *gated;
     /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
     _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");

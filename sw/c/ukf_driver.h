@@ -42,7 +42,7 @@ struct ukf_core {
     uint32_t w0_low;          /**< Weight of sigma point 0, a binary64 number. */
     uint32_t w0_high;
     uint32_t sensors;         /**< Bit i: observation i is the first one of a sensor. */
-    uint32_t points;          /**< Sigma points. */
+    uint32_t points;          /**< Sigma points, point 0 included. */
     uint32_t element_bytes;   /**< Bytes of a number. */
     uint32_t row_stride;      /**< Bytes from a row to the next. */
     /* Base addresses of the regions, in bytes; 0 if there is none. */
@@ -123,7 +123,7 @@ struct ukf_fault {
     uint32_t address;  /**< Byte address, of the access or of the register that is wrong. */
     uint32_t expected; /**< Value of the field that is wrong. */
     uint32_t found;
-    uint32_t point;    /**< Sigma point. */
+    uint32_t point;    /**< Number of the sigma point. */
 };
 
 /** A driver. Members are for reading. */
@@ -146,7 +146,26 @@ struct ukf_driver {
      */
     bool predicted;
     ukf_real before[UKF_MAX_SIZE];
+    bool x_known;             /**< `x` has been read, and nothing since may have changed it. */
+    ukf_real x[UKF_MAX_SIZE]; /**< The state in the core. */
 };
+
+/**
+ * @brief Number of the first sigma point: 0, or 1 if W0 is 0.
+ *
+ * What has no weight has no influence: without W0 point 0 is neither read, sent through a model, nor
+ * written. Its column in the memory map stays, and so does that in matrices of points here, unused.
+ */
+uint32_t ukf_core_first_point(const struct ukf_core *core);
+
+/**
+ * @brief Number of the sigma point to whose angles those of the others are wrapped.
+ *
+ * Point 0, which is at the mean. Without W0 it is the last point, from which others can be farther
+ * away: by sqrt(M) + 1 / sqrt(M) standard deviations instead of sqrt(M) in the last element of x, w
+ * and v together, of M elements, and no farther than from the mean in all others.
+ */
+uint32_t ukf_core_centre(const struct ukf_core *core);
 
 /** @brief Number of sensors of a core. */
 uint32_t ukf_core_sensors(const struct ukf_core *core);
@@ -212,18 +231,28 @@ enum ukf_result ukf_driver_initialise(struct ukf_driver *driver);
  */
 enum ukf_result ukf_driver_generate(struct ukf_driver *driver);
 
+/** @brief Give x, n numbers: read, unless it is known. It leaves no doubt. */
+enum ukf_result ukf_driver_state(struct ukf_driver *driver, ukf_real *x);
+
 /**
- * @brief Write transformed sigma points and run PREDICT.
- * @param before x, n numbers: column 0 of the sigma points of the estimate.
- * @param points n rows of `core->points` numbers. They come back as the core holds them.
+ * @brief Read the sigma points that ukf_driver_generate() has left. It leaves no doubt.
+ *
+ * Those up to n + 1 are read, and x unless it is known; the others are equal to x, as point 0 is.
+ *
+ * @param points n rows of `core->points` numbers; column k is point k, from ukf_core_first_point() on.
  */
-enum ukf_result ukf_driver_predict(struct ukf_driver *driver, const ukf_real *before,
-                                   ukf_real *points);
+enum ukf_result ukf_driver_points(struct ukf_driver *driver, ukf_real *points);
+
+/**
+ * @brief Write transformed sigma points and run PREDICT; x is read before, unless it is known.
+ * @param points As ukf_driver_points(). They come back as the core holds them.
+ */
+enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points);
 
 /**
  * @brief Write what a sensor sees of the sigma points, and its z, and run its UPDATE.
  * @param sensor Its number, from 0.
- * @param points Its rows, of `core->points` numbers each.
+ * @param points Its rows, with columns as in ukf_driver_points().
  * @param z      A number for each of its rows.
  * @param mask   Bit i takes its row i.
  * @param nis    Normalised innovation squared.
@@ -244,8 +273,9 @@ enum ukf_result ukf_driver_gate(struct ukf_driver *driver, ukf_real gate);
 enum ukf_result ukf_driver_cycles(struct ukf_driver *driver, uint32_t *cycles);
 
 /**
- * @brief Read the upper left part of a region, row by row. It leaves no doubt.
- * @param base    Base address of the region, one of those in ukf_core.
+ * @brief Read a part of a region, row by row. It leaves no doubt.
+ * @param base    Address of its first number; of an upper left part the base address of the region,
+ *                one of those in ukf_core.
  * @param rows    Rows of the part.
  * @param columns Columns of the part.
  * @param stride  Numbers from a row of `values` to the next.
@@ -255,7 +285,8 @@ enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32
                                 uint32_t columns, uint32_t stride, ukf_real *values);
 
 /**
- * @brief Write the upper left part of a region, row by row. Arguments as ukf_driver_read().
+ * @brief Write a part of a region, row by row. Arguments as ukf_driver_read(). A write of x or of a
+ * factor begins at the base address, by which the driver knows what it has to forget.
  *
  * A number is rounded to nearest, ties to even; below the smallest normal number it becomes 0.
  */

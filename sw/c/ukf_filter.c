@@ -232,10 +232,13 @@ static enum ukf_result factor_noise(const struct ukf *ukf, const ukf_real *Q, co
 /** Read the sigma points of a noise; zeros if it has none. */
 static enum ukf_result fetch_noise(struct ukf *ukf, uint32_t base, uint32_t terms, ukf_real *points)
 {
-    const uint32_t count = ukf->driver.core->points;
+    const struct ukf_core *core = ukf->driver.core;
+    const uint32_t first = ukf_core_first_point(core);
+    const uint32_t count = core->points;
 
     if (base != 0u) {
-        return ukf_driver_read(&ukf->driver, base, terms, count, count, points);
+        return ukf_driver_read(&ukf->driver, base + first * core->element_bytes, terms,
+                               count - first, count, points + first);
     }
     for (uint32_t i = 0; i < terms * count; i++) {
         points[i] = 0;
@@ -451,11 +454,9 @@ enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P,
 
 enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x)
 {
-    const struct ukf_core *core = ukf->driver.core;
     const enum ukf_result result = ready(ukf);
 
-    return result == UKF_OK ? ukf_driver_read(&ukf->driver, core->state, 1u, core->n, core->n, x)
-                            : result;
+    return result == UKF_OK ? ukf_driver_state(&ukf->driver, x) : result;
 }
 
 enum ukf_result ukf_covariance(struct ukf *ukf, ukf_real *P)
@@ -544,25 +545,12 @@ enum ukf_result ukf_redraw(struct ukf *ukf)
     return result == UKF_OK ? redraw(ukf) : result;
 }
 
-/** Sigma points of the estimate into X. Columns n + 2 and up are copies of x, which is column 0. */
+/** Sigma points of the estimate into X. */
 static enum ukf_result draw(struct ukf *ukf)
 {
-    const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = redraw(ukf);
+    const enum ukf_result result = redraw(ukf);
 
-    if (result != UKF_OK) {
-        return result;
-    }
-    result = ukf_driver_read(&ukf->driver, core->state_points, core->n, core->n + 2u, core->points,
-                             ukf->X);
-    for (uint32_t i = 0; i < core->n; i++) {
-        ukf_real *row = ukf->X + i * core->points;
-
-        for (uint32_t k = core->n + 2u; k < core->points; k++) {
-            row[k] = row[0];
-        }
-    }
-    return result;
+    return result == UKF_OK ? ukf_driver_points(&ukf->driver, ukf->X) : result;
 }
 
 /** Column k of a matrix. */
@@ -611,12 +599,16 @@ static ukf_real wrap(ukf_real angle, ukf_real reference)
     return (ukf_real)((double)angle - TURN * rint(((double)angle - (double)reference) / TURN));
 }
 
-/** Wrap the rows that are angles to within half a turn of sigma point 0. */
-static void wrap_rows(ukf_real *matrix, uint32_t rows, uint32_t columns, uint32_t angles)
+/** Wrap the rows that are angles to within half a turn of the centre, which stays as it is. */
+static void wrap_rows(const struct ukf_core *core, ukf_real *matrix, uint32_t rows, uint32_t angles)
 {
     for (uint32_t i = 0; i < rows; i++) {
-        for (uint32_t k = 0; (angles >> i & 1u) != 0u && k < columns; k++) {
-            matrix[i * columns + k] = wrap(matrix[i * columns + k], matrix[i * columns]);
+        ukf_real *row = matrix + i * core->points;
+        const ukf_real centre = row[ukf_core_centre(core)];
+
+        for (uint32_t k = ukf_core_first_point(core);
+             (angles >> i & 1u) != 0u && k < core->points; k++) {
+            row[k] = wrap(row[k], centre);
         }
     }
 }
@@ -636,16 +628,12 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     ukf_real x[UKF_MAX_SIZE];
     ukf_real w[UKF_MAX_SIZE];
     ukf_real next[UKF_MAX_SIZE];
-    ukf_real before[UKF_MAX_SIZE];
     enum ukf_result result = ready(ukf);
 
     if (result == UKF_OK) {
         result = draw(ukf);
     }
-    if (result == UKF_OK) {
-        get_column(ukf->X, core->n, core->points, 0u, before);
-    }
-    for (uint32_t k = 0; result == UKF_OK && k < core->points; k++) {
+    for (uint32_t k = ukf_core_first_point(core); result == UKF_OK && k < core->points; k++) {
         get_column(ukf->X, core->n, core->points, k, x);
         get_column(ukf->W, core->q, core->points, k, w);
         result = check_result(ukf, models->process(models->context, x, w, input, next), next,
@@ -655,8 +643,8 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     if (result != UKF_OK) {
         return result;
     }
-    wrap_rows(ukf->X, core->n, core->points, models->state_angles);
-    result = ukf_driver_predict(&ukf->driver, before, ukf->X);
+    wrap_rows(core, ukf->X, core->n, models->state_angles);
+    result = ukf_driver_predict(&ukf->driver, ukf->X);
     ukf->transformed = result == UKF_OK;
     return result == UKF_OK && ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : result;
 }
@@ -681,10 +669,11 @@ static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint
 {
     const struct ukf_core *core = ukf->driver.core;
     const ukf_real *factor = ukf->noise + core->q * core->q;
+    const uint32_t number = ukf_core_first_point(core);
 
     for (uint32_t i = 0; i < rows.count; i++) {
         const ukf_real *row = ukf->Z + i * core->points;
-        const ukf_real first = ukf_driver_round(&ukf->driver, row[0]);
+        const ukf_real first = ukf_driver_round(&ukf->driver, row[number]);
         bool varies = (used >> i & 1u) == 0u || first == 0 || !ukf_is_finite((double)first);
 
         if (core->additive_r != 0u) {
@@ -692,7 +681,7 @@ static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint
 
             varies = varies || !all_zero(ukf, factor + (rows.first + i) * columns, columns);
         }
-        for (uint32_t k = 1; !varies && k < core->points; k++) {
+        for (uint32_t k = number + 1u; !varies && k < core->points; k++) {
             varies = ukf_driver_round(&ukf->driver, row[k]) != first;
         }
         if (!varies) {
@@ -743,7 +732,7 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
     if (!ukf->transformed) {
         result = draw(ukf);
     }
-    for (uint32_t k = 0; result == UKF_OK && k < core->points; k++) {
+    for (uint32_t k = ukf_core_first_point(core); result == UKF_OK && k < core->points; k++) {
         get_column(ukf->X, core->n, core->points, k, x);
         get_column(ukf->V + terms.first * core->points, terms.count, core->points, k, v);
         result = check_result(ukf, own->observe(models->context, x, v, observation), observation,
@@ -753,11 +742,11 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
     if (result != UKF_OK) {
         return result;
     }
-    wrap_rows(ukf->Z, rows, core->points, angles);
+    wrap_rows(core, ukf->Z, rows, angles);
     for (uint32_t i = 0; i < rows; i++) {
         observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
         if ((angles >> i & 1u) != 0u) {
-            observation[i] = wrap(observation[i], ukf->Z[i * core->points]);
+            observation[i] = wrap(observation[i], ukf->Z[i * core->points + ukf_core_centre(core)]);
         }
         /* It is for a gate to reject what is too large for the format, which is binary32 then. */
         if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {

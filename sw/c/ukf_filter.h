@@ -33,6 +33,10 @@
  * The sizes are those of the struct ukf_core that is given, at run time, so one object code serves
  * any number of cores. All memory is that of struct ukf and of the caller's `work`.
  *
+ * Models are called for every sigma point that has a weight: with W0 = 0, the default, not for point
+ * 0. Angles are wrapped to within half a turn of those of one point, ukf_core_centre(), so that no
+ * mean is taken across the cut at +-pi. A column of a matrix of points has the number of the point.
+ *
  * Matrices are row by row. What can be checked is checked before the first write. A call that fails
  * leaves estimate and settings as they were, but a predict that follows a predict begins with
  * ukf_redraw(), which stays; or it leaves open whether it has been done (enum ukf_result has the
@@ -125,10 +129,10 @@ struct ukf {
     ukf_real gate;
     /** Sends what is assigned: again in ukf_recover(), if that broke off; NULL if nothing is. */
     enum ukf_result (*unfinished)(struct ukf *ukf);
-    ukf_real *X;      /**< Sigma points of the state, n by points. */
-    ukf_real *Z;      /**< What a sensor sees of them, up to m by points. */
-    ukf_real *W;      /**< Sigma points of w, q by points. */
-    ukf_real *V;      /**< Sigma points of v, r by points. */
+    ukf_real *X;      /**< Sigma points of the state, n by points; without W0 column 0 is unused, */
+    ukf_real *Z;      /**< here as well: what a sensor sees of them, up to m by points, */
+    ukf_real *W;      /**< sigma points of w, q by points, */
+    ukf_real *V;      /**< sigma points of v, r by points. */
     ukf_real *x;          /**< What is assigned: x, n numbers, */
     ukf_real *L;          /**< a factor of P, n by n, */
     ukf_real *next_noise; /**< factors of Q and R, as the core has them. */
@@ -188,7 +192,7 @@ enum ukf_result ukf_redraw(struct ukf *ukf);
  */
 enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask);
 
-/** @brief Read the estimate, n numbers. */
+/** @brief Give the estimate, n numbers: read, unless it has been read and cannot have changed since. */
 enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x);
 
 /** @brief Have the core compute the covariance of the estimate, and read it: n by n. */

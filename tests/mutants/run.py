@@ -473,6 +473,33 @@ MUTANTS = [
         "tests/sw/test_recovery.py::test_undoing_may_fail",
     ),
     Mutant(
+        "C driver: an x that is being assigned is still known", "sw/c/ukf_driver.c",
+        "base == core->state", "base == 1u",
+        C_DRIVER + " -k x_is_read",
+    ),
+    Mutant(
+        "C driver: an x of which half has been read is known", "sw/c/ukf_driver.c",
+        "driver->x_known = result == UKF_OK;", "driver->x_known = true;",
+        C_RECOVERY,
+    ),
+    Mutant(
+        "C driver: an update that is refused leaves x known", "sw/c/ukf_driver.c",
+        "    known = driver->x_known;\n    driver->x_known = false;\n",
+        "    known = driver->x_known;\n",
+        C_DRIVER + " -k refused",
+    ),
+    Mutant(
+        "C driver: angles are wrapped to the first point", "sw/c/ukf_driver.c",
+        "== 0u ? 0u : core->points - 1u", "== 0u ? 0u : 1u",
+        C_DRIVER + " -k angles",
+    ),
+    Mutant(
+        "C filter: sigma points are counted from the first one", "sw/c/ukf_filter.c",
+        "return bad_model(ukf, k, i);",
+        "return bad_model(ukf, k - ukf_core_first_point(ukf->driver.core), i);",
+        C_DRIVER + " -k without_a_result",
+    ),
+    Mutant(
         "C driver: after the time-out it does not look once more", "sw/c/ukf_driver.c",
         "        result = get(driver, UKF_STATUS_OFFSET, status);\n"
         "        if (result != UKF_OK || late ||",

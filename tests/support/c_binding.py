@@ -206,7 +206,8 @@ class CFilter:
         self._length = WORD.in_dll(described, "binding_work_length").value - short
         self._core = ctypes.c_char.in_dll(described, "binding_core")
         self._ukf = ctypes.create_string_buffer(size)
-        self._work = np.zeros(max(self._length, 1))
+        # What is used before it has been written shows.
+        self._work = np.full(max(self._length, 1), np.nan)
         self._port = _Port(
             None,
             READ(self._read),

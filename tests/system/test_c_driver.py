@@ -13,7 +13,7 @@ from support.covariances import random_covariances
 from support.problems import core_of
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.errors import BusError
+from ukf_sw.errors import BusError, NotFiniteError
 from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, rounding_errors
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
@@ -43,6 +43,9 @@ AUGMENTED = UkfParams(n=3, m=2, q=2, r=2)
 MIXED = UkfParams(n=3, m=2, q=3, r=2, process_noise=Noise.ADDITIVE, format=BINARY64)
 COVARIANCE = UkfParams(n=3, m=2, q=3, r=2, form=Form.COVARIANCE)
 SMALLEST = UkfParams(n=1, m=1)
+#: Sigma point 0 has a weight.
+WEIGHTED = replace(AUGMENTED, W0=0.25)
+WEIGHTED_MIXED = replace(MIXED, W0=0.25)
 #: Three sensors. Noise terms that are augmented need not be as many as rows.
 THREE = UkfParams(n=3, m=6, q=2, r=4, sensors=(2, 1, 3))
 THREE_ADDITIVE = UkfParams(
@@ -50,6 +53,7 @@ THREE_ADDITIVE = UkfParams(
     observation_noise=Noise.ADDITIVE,
 )  # fmt: skip
 THREE_WIDE = replace(THREE_ADDITIVE, format=BINARY64)
+THREE_WEIGHTED = replace(THREE, W0=0.4)
 #: Row 2, of the second sensor, is an angle.
 ANGLE = 2
 #: Without start files: those of -Ofast would change the arithmetic of this process.
@@ -184,7 +188,9 @@ def same(c, python):
 
 @pytest.mark.parametrize("interrupt", [False, True], ids=["polling", "interrupt"])
 @pytest.mark.parametrize(
-    "params", [AUGMENTED, MIXED, COVARIANCE], ids=["augmented", "mixed", "covariance"]
+    "params",
+    [AUGMENTED, MIXED, COVARIANCE, WEIGHTED, WEIGHTED_MIXED],
+    ids=["augmented", "mixed", "covariance", "W0", "W0 mixed"],
 )
 def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
     """Sequence, addresses, words: predict, update, masks, gate, settings, recovering."""
@@ -231,6 +237,292 @@ def test_every_access_is_that_of_the_python_driver(library, params, interrupt):
     assert len(c_bus.log) > 500
     assert c_bus.log == python_bus.log
     assert not c.exceptions
+
+
+# Sigma points.
+
+#: Without and with a weight of point 0.
+KINDS = pytest.mark.parametrize(
+    "params", [AUGMENTED, MIXED, WEIGHTED, WEIGHTED_MIXED],
+    ids=["augmented", "mixed", "W0", "W0 mixed"],
+)  # fmt: skip
+
+
+def held(bus, params, symbol):
+    """What a region of the core holds, as numbers."""
+    region = MemoryMap(params)[symbol]
+    words = [
+        [bus.bus.read(MemoryMap(params).address(symbol, i, j) + 4 * k) << 32 * k
+         for k in range(params.format.bus_words)]
+        for i in range(region.rows)
+        for j in range(region.columns)
+    ]  # fmt: skip
+    numbers = params.format.decode(np.array([sum(each) for each in words], dtype=np.uint64))
+    return numbers.reshape(region.rows, region.columns)
+
+
+def both_of(library, params, processes, observations):
+    """A C filter and a Python filter with models of their own, and their buses."""
+    buses = [NotingBus(GoldenCore(params)) for _ in range(2)]
+    data = problem(params)
+    c = CFilter(library(params), buses[0], params, processes[0], observations[0])
+    driver = Driver(buses[1], params)
+    sensor = Sensor(observations[1], R=data["R"], m=params.m)
+    same_problem = Problem(
+        name="c", f=processes[1], sensors=sensor, redraw=False,
+        **{key: data[key] for key in ("x0", "P0", "Q")}, **core_of(params),
+    )  # fmt: skip
+    python = UnscentedKalmanFilter(same_problem, driver)
+    c.start(*data.values())
+    return c, python, *buses
+
+
+@pytest.mark.parametrize("params", [AUGMENTED, MIXED, WEIGHTED, SMALLEST])
+def test_which_points_there_are(library, params):
+    """Numbers of the first one, and of that to which angles are wrapped."""
+    core = ctypes.c_char.in_dll(library(params), "binding_core")
+    first, centre = (
+        getattr(library(params), f"ukf_core_{name}")(ctypes.byref(core))
+        for name in ("first_point", "centre")
+    )
+    assert range(first, params.N) == params.points
+    assert centre == params.centre
+
+
+@KINDS
+def test_models_are_called_for_the_points_with_weight(library, params):
+    """Those of the core, in their order; as in Python, which then checks some once more."""
+    calls = {"C": [], "Python": []}
+
+    def noting(language, model):
+        def noted(x, noise, *arguments):
+            calls[language].append(np.concatenate((x, noise)).tobytes())
+            return model(x, noise, *arguments)
+
+        return noted
+
+    c, python, bus, _ = both_of(
+        library, params, *([noting(language, model) for language in calls] for model in (f, h))
+    )
+    count = len(params.points)
+    for _ in range(3):
+        c.redraw()
+        x, X = held(bus, params, "x")[0], held(bus, params, "X")
+        w = np.zeros((params.q, params.N)) if params.additive_q else held(bus, params, "W")
+        v = held(bus, params, "V")
+        states = [X[:, k] if k <= params.n + 1 else x for k in params.points]
+        c.predict(0.1)
+        python.predict(0.1)
+        assert calls["C"] == calls["Python"][:count]
+        assert calls["C"] == [
+            np.concatenate((state, w[:, k])).tobytes()
+            for k, state in zip(params.points, states, strict=True)
+        ]
+        calls["C"].clear()
+        calls["Python"].clear()
+        c.update([0.1, 0.2])
+        python.update([0.1, 0.2])
+        assert calls["C"] == calls["Python"][:count]
+        noises = [np.frombuffer(call)[params.n :] for call in calls["C"]]
+        assert np.array_equal(np.transpose(noises), v[:, params.points.start :])
+        calls["C"].clear()
+        calls["Python"].clear()
+
+
+@KINDS
+def test_column_0_is_accessed_only_with_a_weight(library, params):
+    c, bus = start(library, params)
+    c.predict(0.1)
+    c.update([0.1, 0.2])
+    c.save()
+    regions = MemoryMap(params)
+    symbols = [symbol for symbol in ("X", "W", "V", "Z") if symbol in regions]
+    columns = {
+        symbol: {
+            column
+            for column in range(params.N)
+            for entry in bus.log
+            if entry[1] == regions.address(symbol, 0, column)
+        }
+        for symbol in symbols
+    }
+    assert columns == {symbol: set(params.points) for symbol in symbols}
+
+
+@KINDS
+def test_angles_are_wrapped_to_the_centre(library, params):
+    """States, what is seen of them, and z; some points are more than half a turn away.
+
+    Point 0 and the last point are equal in all states, but not in the last noise.
+    """
+    seen = []
+
+    def process(x, w, u):
+        seen.append([9.0 * x[0] + 50.0, x[1] + u, x[2] + (w[0] if len(w) else 0.0)])
+        return seen[-1]
+
+    def observe(x, v):
+        seen.append([x[1] + v[0], 7.0 * x[2] - 20.0 + 30.0 * v[1]])
+        return seen[-1]
+
+    bus = NotingBus(GoldenCore(params))
+    angles = {"state_angles": (0,), "observation_angles": (1,)}
+    c = CFilter(library(params), bus, params, process, observe, **angles)
+    c.start(*problem(params).values())
+    at, centre = slice(params.points.start, None), params.points.index(params.centre)
+    bounds = 0
+    # Words are read when a step starts: it changes what they are.
+    read = {}
+
+    def note(address, word):
+        if address == CONTROL.offset and word & (CONTROL["PREDICT"].mask | CONTROL["UPDATE"].mask):
+            read.update((symbol, held(bus, params, symbol)) for symbol in ("X", "Z", "z"))
+
+    bus.on_write = note
+    for call, symbol, row in (
+        (lambda: c.predict(0.1), "X", 0), (lambda: c.update([0.3, 100.0]), "Z", 1),
+    ):  # fmt: skip
+        seen.clear()
+        call()
+        results = np.transpose(seen)
+        turns = np.round((results[row] - results[row, centre]) / (2.0 * np.pi))
+        expected = params.format.round(results[row] - 2.0 * np.pi * turns)
+        assert np.array_equal(read[symbol][row, at], expected)
+        bounds += np.count_nonzero(turns)
+        off = np.abs(read[symbol][row, at] - read[symbol][row, params.centre])
+        assert off.max() <= np.pi * (1.0 + 1e-6)
+    assert bounds > 2
+    others = 0
+    for value in np.linspace(90.0, 110.0, 12):
+        c.update([0.3, value])
+        z, Z = read["z"][1, 0], read["Z"][1, at]
+        assert abs(z - Z[centre]) <= np.pi * (1.0 + 1e-6)
+        others += np.count_nonzero(np.abs(z - Z) > np.pi)
+        turns = (value - z) / (2.0 * np.pi)
+        assert abs(turns - round(turns)) < 1e-5
+    assert others > 0
+
+
+@KINDS
+@pytest.mark.parametrize("redraw", [False, True], ids=["plain", "redrawing"])
+def test_words_of_an_iteration(library, params, redraw):
+    """Points with weight both ways, but of those that are read only those up to n + 1; x once."""
+    c, bus = start(library, params, redraw=redraw)
+    n, m, points = params.n, params.m, len(params.points)
+    for k in range(3):
+        before = len(bus.log)
+        c.predict(0.1)
+        c.update([0.1, 0.2])
+        assert np.isfinite(c.x).all()
+        entries = bus.log[before:]
+        numbers = {
+            kind: sum(
+                entry[0] == kind and entry[1] >= MemoryMap(params).region_stride
+                for entry in entries
+            ) // params.format.bus_words
+            for kind in ("read", "write")
+        }  # fmt: skip
+        drawn = n * (n + 2 - params.points.start)
+        # Without W0, x is read beside the points: of the update that redraws, and at first.
+        beside = n * (redraw + (k == 0)) if params.points.start else 0
+        assert numbers["read"] == drawn * (1 + redraw) + beside + n
+        assert numbers["write"] == points * (n + m) + m
+        starts = [entry for entry in entries if entry[:2] == ("write", CONTROL.offset)]
+        # SIG_GEN of the predict, PREDICT, UPDATE; SIG_GEN of the redraw, and of the update.
+        assert len(starts) == 3 + 2 * redraw
+
+
+# What is remembered of x.
+
+
+def words_of_x(bus, params, call):
+    """How many numbers of x a call reads."""
+    places = {
+        MemoryMap(params).address("x", 0, i) + 4 * word
+        for i in range(params.n)
+        for word in range(params.format.bus_words)
+    }
+    before = len(bus.log)
+    call()
+    reads = sum(entry[0] == "read" and entry[1] in places for entry in bus.log[before:])
+    return reads // params.format.bus_words
+
+
+#: What may change x, and what does not.
+CHANGES = {
+    "predict": lambda c: c.predict(0.2),
+    "update": lambda c: c.update([0.3, 0.1]),
+    "set_state": lambda c: setattr(c, "x", [0.25, 0.5, 0.75]),
+    "start": lambda c: c.start(*(problem(c.params) | {"x0": [0.5, 0.25, 1.0]}).values()),
+    "restore": lambda c: c.restore([0.5, 0.25, 1.0], np.eye(3)),
+    "recover": lambda c: c.recover(),
+    "predict and undo": lambda c: (c.predict(0.2), c.undo_predict()),
+}
+KEEPS = {
+    "nothing": lambda c: None,
+    "redraw": lambda c: c.redraw(),
+    "gated update": lambda c: (c.set_gate(0.01), c.update([9.0, 9.0]), c.set_gate(np.inf)),
+    "covariance": lambda c: c.P,
+    "set_covariance": lambda c: setattr(c, "P", 2.0 * np.eye(3)),
+    "set_noise": lambda c: c.set_noise(0.5 * np.eye(c.params.q), 0.5 * np.eye(c.params.r)),
+    "save": lambda c: c.save(),
+    "nothing sampled": lambda c: c.update([0.0, 0.0], np.zeros(2, dtype=bool)),
+}
+
+
+@KINDS
+@pytest.mark.parametrize("predicted", [False, True])
+@pytest.mark.parametrize("name", [*CHANGES, *KEEPS])
+def test_x_is_read_once(library, params, predicted, name):
+    """And again after whatever may change it; it is always that of the core."""
+    c, bus = start(library, params)
+    c.predict(0.1)
+    c.update([0.1, 0.2])
+    if predicted:
+        c.predict(0.3)
+    assert words_of_x(bus, params, lambda: c.x) == params.n
+    assert words_of_x(bus, params, lambda: c.x) == 0
+    (CHANGES | KEEPS)[name](c)
+    found = []
+    reads = words_of_x(bus, params, lambda: found.append(c.x))
+    # A prediction that recovering leaves as it is has not been touched.
+    changes = name in CHANGES and not (name == "recover" and predicted)
+    assert reads == params.n * changes
+    assert found[0].tobytes() == held(bus, params, "x")[0].tobytes()
+    # The next predict reads it at most as column 0.
+    assert words_of_x(bus, params, lambda: c.predict(0.1)) == 0
+    c.undo_predict()
+    assert c.x.tobytes() == found[0].tobytes() == held(bus, params, "x")[0].tobytes()
+
+
+@pytest.mark.parametrize("params", [AUGMENTED, WEIGHTED], ids=["augmented", "W0"])
+@pytest.mark.parametrize("which", ["f", "h"])
+def test_a_step_that_was_refused_leaves_x_to_be_read_again(library, params, which):
+    """With the accesses of the Python driver."""
+    bad = {"f": False, "h": False}
+
+    def process(x, w, u):
+        return [1e300 if bad["f"] else x[0] + w[0], x[1] + w[1], x[2]]
+
+    def observe(x, v):
+        return [x[0] + v[0], (1e300 if bad["h"] else 1.0) * x[1] + v[1]]
+
+    c, python, c_bus, python_bus = both_of(library, params, [process] * 2, [observe] * 2)
+    for ukf in (c, python):
+        ukf.predict(0.1)
+        ukf.update([0.1, 0.2])
+    assert same(c, python)
+    before = c.x
+    bad[which] = True
+    for ukf, error in ((c, CFilterError), (python, NotFiniteError)):
+        with pytest.raises(error):
+            ukf.predict(0.1) if which == "f" else ukf.update([0.1, 0.2])
+    bad[which] = False
+    python._last_x = None
+    assert words_of_x(c_bus, params, lambda: c.x) == params.n
+    assert words_of_x(python_bus, params, lambda: python.x) == params.n
+    assert c.x.tobytes() == python.x.tobytes() == before.tobytes()
+    assert c_bus.log == python_bus.log
 
 
 # Several sensors.
@@ -308,8 +600,9 @@ def both_of_three(library, params):
 
 
 @pytest.mark.parametrize(
-    "params", [THREE, THREE_ADDITIVE, THREE_WIDE], ids=["augmented", "additive", "binary64"]
-)
+    "params", [THREE, THREE_ADDITIVE, THREE_WIDE, THREE_WEIGHTED],
+    ids=["augmented", "additive", "binary64", "W0"],
+)  # fmt: skip
 def test_three_sensors_are_those_of_the_python_driver(library, params):
     """Every access: updates of some sensor in any order, with masks, gates, and other noise."""
     c, python, c_bus, python_bus = both_of_three(library, params)
@@ -993,7 +1286,7 @@ def test_a_step_that_somebody_dropped(library):
 def test_an_illegal_step(library):
     """Somebody else used the core's points; the driver's PREDICT then comes out of sequence."""
     c, bus = start(library, AUGMENTED)
-    place = MemoryMap(AUGMENTED).address("X", 0, 0)
+    place = MemoryMap(AUGMENTED).address("X", 0, AUGMENTED.points.start)
     x = MemoryMap(AUGMENTED).address("x", 0, 0)
 
     def meddle(address, word):
@@ -1086,9 +1379,11 @@ def test_a_covariance_that_is_not_positive_definite(library):
     assert (error.fault["step"], error.fault["index"]) == (Step.SIG_GEN, 1)
 
 
+@pytest.mark.parametrize("params", [AUGMENTED, WEIGHTED], ids=["augmented", "W0"])
 @pytest.mark.parametrize("which", ["f", "h"])
 @pytest.mark.parametrize("kind", ["exception", "not finite"])
-def test_a_model_without_a_result(library, which, kind):
+def test_a_model_without_a_result(library, params, which, kind):
+    """The fault has the number of the sigma point: that of the third one with a weight."""
     calls = []
 
     def breaking(model):
@@ -1103,12 +1398,12 @@ def test_a_model_without_a_result(library, which, kind):
 
         return broken
 
-    bus = NotingBus(GoldenCore(AUGMENTED))
+    bus = NotingBus(GoldenCore(params))
     c = CFilter(
-        library(AUGMENTED), bus, AUGMENTED,
+        library(params), bus, params,
         breaking(f) if which == "f" else f, breaking(h) if which == "h" else h,
     )  # fmt: skip
-    data = problem(AUGMENTED)
+    data = problem(params)
     c.start(data["x0"], data["P0"], data["Q"], data["R"])
     before = c.x
 
@@ -1117,7 +1412,7 @@ def test_a_model_without_a_result(library, which, kind):
         c.update([0.1, 0.2])
 
     error = failing(iterate)
-    assert (error.result, error.fault["point"]) == (Result.BAD_MODEL, 2)
+    assert (error.result, error.fault["point"]) == (Result.BAD_MODEL, params.points[2])
     if kind == "not finite":
         assert error.fault["index"] == 1
     if which == "f":

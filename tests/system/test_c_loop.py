@@ -47,11 +47,23 @@ def test_c_drives_the_verilog_bit_for_bit(core_cache):
     made = scenario()
     code = microcode(made.params, Pipeline())
     steps = sum(code.clocks(program) for program in (Program.PREDICT, Program.UPDATE))
+    p = made.params
+    n, m, points = p.n, p.m, len(p.points)
+    # Points up to n + 1, and x; what f and h make of all; z.
+    words = n * (n + 2 - p.points.start) + n + (n + m) * points + m
+    # x, factors and points of the noises at the beginning, P at the end.
+    once = 2 * n + n**2 + p.q**2 + p.r**2 + (p.q + p.r) * points + n * (n + 1) // 2
+    # Of each step NIS, and of its three steps of the core start, interrupt, STATUS, ERROR.
+    registers = 1 + 3 * 4
     for options in ({}, {"interrupt": False}, {"word_clocks": 15.6}):
         outcome = run_c_in_the_loop(made, STEPS, cache=core_cache, optimise=False, **options)
         assert outcome.mismatch is None
         assert not outcome.results.results.any()
-        assert outcome.words > 362 * STEPS
+        rest = outcome.words - words * STEPS - once
+        if options.get("interrupt", True):
+            # INIT, COVARIANCE, what the core is, reset, gate and mask come on top.
+            assert registers * STEPS < rest < registers * STEPS + 30
+        assert rest > 0
         assert outcome.clocks >= outcome.bus_clocks + ("interrupt" not in options) * steps * STEPS
         word = outcome.bus_clocks / outcome.words
         if "word_clocks" in options:
@@ -71,7 +83,7 @@ def test_c_drives_the_verilog_bit_for_bit(core_cache):
     assert outcome.results.covariances.shape == (STEPS, 7, 7)
     assert (outcome.results.covariances[-1] == plain.P).all()
     # The triangle, the start bit, STATUS and INTERRUPT_PENDING, ERROR, at each step.
-    assert outcome.words > (362 + 28 + 4) * STEPS
+    assert outcome.words > (words + 28 + 4) * STEPS
 
 
 @needs_cc

@@ -27,7 +27,9 @@ ADDITIVE = UkfParams(
     n=2, m=2, q=2, r=2, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
 )
 WIDE = UkfParams(n=2, m=2, q=2, r=2, process_noise=Noise.ADDITIVE, format=BINARY64)
-NAMES = {AUGMENTED: "augmented", ADDITIVE: "additive", WIDE: "binary64"}
+#: Sigma point 0 has a weight.
+WEIGHTED = UkfParams(n=2, m=2, q=1, r=2, W0=0.25)
+NAMES = {AUGMENTED: "augmented", ADDITIVE: "additive", WIDE: "binary64", WEIGHTED: "W0"}
 P1 = np.array([[0.7, 0.1], [0.1, 0.4]])
 L1 = np.array([[0.8, 0.0], [0.1, 0.6]])
 
@@ -74,11 +76,14 @@ class StepBus(BreakingBus):
 
 @dataclass(frozen=True)
 class Case:
-    """Kind of filter, and whether the last thing that it has done is a predict."""
+    """Kind of filter, whether the last step that it has done is a predict, and whether x has been
+    read since, so that it is known.
+    """
 
     params: UkfParams
     redraw: bool
     predicted: bool
+    known: bool = False
 
     def open(self, library, *, opened=True, interrupt=False):
         """Make a filter, on a bus of its own."""
@@ -101,23 +106,30 @@ class Case:
         ukf.update([1.5, 0.2])
         if self.predicted:
             ukf.predict(0.3)
+        if self.known:
+            assert np.isfinite(ukf.x).all()
         return ukf, bus
 
     def __str__(self):
         kind = "redrawing" if self.redraw else "plain"
-        return f"{NAMES[self.params]}-{kind}-{'predicted' * self.predicted}"
+        known = "-known" * self.known
+        return f"{NAMES[self.params]}-{kind}-{'predicted' * self.predicted}{known}"
 
 
 USUAL = [
     Case(params, redraw, predicted)
     for params, redraw in ((AUGMENTED, False), (ADDITIVE, True))
     for predicted in (False, True)
-]
+] + [Case(AUGMENTED, False, predicted, known=True) for predicted in (False, True)]
 CASES = USUAL + [
-    pytest.param(Case(params, redraw, predicted), marks=pytest.mark.slow)
-    for params, redraw in ((ADDITIVE, False), (WIDE, False), (WIDE, True))
+    pytest.param(Case(params, redraw, predicted, known), marks=pytest.mark.slow)
+    for params, redraw, known in (
+        (ADDITIVE, False, False), (ADDITIVE, True, True), (WIDE, False, False),
+        (WIDE, False, True), (WIDE, True, False), (WEIGHTED, False, False),
+        (WEIGHTED, False, True), (WEIGHTED, True, True),
+    )
     for predicted in (False, True)
-]
+]  # fmt: skip
 
 
 def noise(ukf, size):
@@ -165,14 +177,29 @@ def settings(ukf, bus):
     return [bus.core.read(place)[0] for place in places]
 
 
+def estimate(ukf, bus):
+    """Give x, and check that it is what the core has, whether or not it has been read just now."""
+    fmt, words = ukf.params.format, range(ukf.params.format.bus_words)
+    regions = MemoryMap(ukf.params)
+    x = ukf.x
+    held = [
+        sum(bus.core.read(regions.address("x", 0, i) + 4 * word)[0] << 32 * word for word in words)
+        for i in range(ukf.params.n)
+    ]
+    assert x.tobytes() == fmt.decode(np.array(held, dtype=np.uint64)).tobytes()
+    return x
+
+
 def traits(ukf, bus):
     """All that tells filters apart: estimate and settings, and what further steps make of them."""
-    seen = [ukf.x, ukf.P, settings(ukf, bus)]
+    seen = [estimate(ukf, bus), ukf.P, settings(ukf, bus)]
     for z in ([1.45, 0.15], [60.0, 9.0]):
-        seen += [[ukf.update(z), ukf.nis, ukf.gated], ukf.x, ukf.P]
+        seen += [[ukf.update(z), ukf.nis, ukf.gated], estimate(ukf, bus), ukf.P]
     ukf.predict(0.1)
     ukf.update([1.3, 0.2])
-    return np.concatenate([np.ravel(each) for each in (*seen, ukf.x, ukf.P, [ukf.nis])])
+    return np.concatenate(
+        [np.ravel(each) for each in (*seen, estimate(ukf, bus), ukf.P, [ukf.nis])]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -260,7 +287,8 @@ def test_every_access_may_fail(library, allowed, case, name, done):
             ukf.recover()
         outcomes.append(outcome(ukf, bus, expected))
     assert len(outcomes) >= {
-        "state": 2, "recover": 1, "set_gate": 1, "set_state": 2, "redraw": 3, "set_covariance": 4,
+        "state": 0 if case.known else case.params.n, "recover": 1, "set_gate": 1, "set_state": 2,
+        "redraw": 3, "set_covariance": 4,
     }.get(name, 6)  # fmt: skip
     if name in ("state", "set_state"):
         assert doubts == (0 if name == "state" else len(outcomes))

@@ -229,7 +229,8 @@ def test_disassemble_a_program(ukf, program):
     operations = len(code.programs[Routine(chosen)].plan.operations)
     words = len(code.words_of(chosen))
     assert f"{chosen.name}: {words} words, {operations} operations" in lines
-    assert "Columns: 0..5 sigma points, 6 right-hand side." in lines
+    points, rhs = TINY_PARAMS.points, code.layout.rhs
+    assert f"Columns: {points.start}..{points[-1]} sigma points, {rhs} right-hand side." in lines
     start = lines.index("clock  done  operation") + 1
     # Reads fill the first column, writes the second; a line without reads is a root's.
     assert sum(bool(line[6:11].strip()) for line in lines[start:]) >= operations
@@ -240,7 +241,9 @@ def test_disassemble_a_program(ukf, program):
 def test_disassemble_all_as_json(ukf):
     record = json.loads(ukf("disassemble", *TINY, "--json").stdout)
     code = microcode(TINY_PARAMS, Pipeline())
-    assert record["columns"] == {"sigma points": [0, 1, 2, 3, 4, 5], "right-hand side": [6]}
+    assert record["columns"] == {
+        "sigma points": list(TINY_PARAMS.points), "right-hand side": [code.layout.rhs],
+    }  # fmt: skip
     assert [each["program"] for each in record["programs"]] == [each.name for each in Program]
     for each in record["programs"]:
         plan = code.programs[Routine(Program[each["program"]], each["sensor"])].plan
@@ -455,12 +458,13 @@ def test_a_model_that_raises_is_told_in_sentences(command, ukf, tmp_path, core_c
     assert lines[first] == (
         f"Error: RuntimeError: no such table ({tmp_path / 'raising.py'}, line 7)"
     )
-    assert lines[first + 1].startswith("in process model f (f), at sigma point 0, called with x")
+    # Without W0 the first point is number 1.
+    assert lines[first + 1].startswith("in process model f (f), at sigma point 1, called with x")
     assert lines[first + 2] == "after 2 iterations, at 2 s"
 
 
 def test_data_that_do_not_overlap_are_told_to_the_user(logged, ukf, tmp_path):
-    rows = "".join(f"{1.7e9 + k:.1f},1,2\n" for k in range(20))
+    rows = "".join(f"{1e3 + k:.1f},1,2\n" for k in range(20))
     (tmp_path / "rest.csv").write_text(f"time,place,speed\n{rows}")
     done = ukf(*logged, "--json")
     assert json.loads(done.stdout)["runs"][0]["steps"] == 30
@@ -504,6 +508,14 @@ def test_runs_are_judged_together(ukf):
 # Co-simulation.
 
 
+def tiny_words():
+    """Bus words of an iteration: points up to n + 1 and x read, f's and h's points and z written,
+    three starts of steps.
+    """
+    n, m, points = TINY_PARAMS.n, TINY_PARAMS.m, len(TINY_PARAMS.points)
+    return n * (n + 1) + n + (n + m) * points + m + 3
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("mode", ["interrupt", "polling"])
 def test_cosim(ukf, tmp_path, core_cache, mode):
@@ -518,8 +530,7 @@ def test_cosim(ukf, tmp_path, core_cache, mode):
     assert record["cycles"]["as_predicted"] is True
     assert record["cycles"]["steps"] == record["cycles"]["predicted"]
     assert record["cycles"]["steps"]["UPDATE"] == code.clocks(Program.UPDATE)
-    # n (n + 2) + n read, n N + m N + m written.
-    assert record["bus"]["words_per_iteration"] == 2 * 4 + 2 + 2 * 6 + 1 * 6 + 1 + 3
+    assert record["bus"]["words_per_iteration"] == tiny_words()
     assert record["iterations_per_second"] > 0
     assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
 
@@ -527,7 +538,8 @@ def test_cosim(ukf, tmp_path, core_cache, mode):
 @pytest.mark.system
 def test_cosim_for_people(ukf, core_cache):
     text = ukf("cosim", *TINY, "--steps", 2, "--cache", core_cache, "--plot", "errors.png").stdout
-    for words in ("Bit-exact", "Bus words per iteration: 32", "Plot: errors.png", "UPDATE"):
+    told = f"Bus words per iteration: {tiny_words()}"
+    for words in ("Bit-exact", told, "Plot: errors.png", "UPDATE"):
         assert words in text
 
 
@@ -559,7 +571,7 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("latency", "--problem", "nanosat", "--process-noise", "additive"), "not both"),
         (
             ("latency", "--problem", "nanosat", "--pes", 23),
-            "pes must be between 1 and the number of columns, 22",
+            "pes must be between 1 and 22, one more than the number of columns, not 23",
         ),
         (("latency", "--problem", "nanosat", "--pes", 0), "--pes must be at least 1, not 0"),
         (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),

@@ -299,21 +299,26 @@ def test_grid_needs_something_of_everything():
         NANOSAT_ADDITIVE,
         UkfParams(n=1, m=1),
         UkfParams(n=3, m=2, q=2, r=2, observation_noise=Noise.ADDITIVE, format=BINARY64),
+        UkfParams(n=3, m=2, q=2, r=2, W0=0.25),
     ],
 )
 def test_words_are_those_that_the_models_need(params):
-    """n + 2 different points are read; all that the models make of N is written."""
+    """Points up to n + 1 are read, and x; all that the models make of points is written.
+
+    Of points with a weight: without W0 there is no point 0.
+    """
     found = count_words(params, redraws=False)
-    n, m, N = params.n, params.m, params.N
+    n, m, points = params.n, params.m, len(params.points)
+    assert points == params.N - (params.W0 == 0.0)
     words = params.format.bus_words
-    assert found["words_read"] == words * (n * (n + 2) + n)
-    assert found["words_written"] == words * (n * N + m * N + m)
+    assert found["words_read"] == words * (n * (n + 2 - params.points.start) + n)
+    assert found["words_written"] == words * ((n + m) * points + m)
     assert found["control_reads"] > 0
     assert (found["starts"], found["control_writes"]) == (3, 0)
 
 
 def test_redrawing_is_counted():
-    """The points are read once more, and drawn by a step of its own."""
+    """Points and x are read once more, and drawn by a step of its own."""
     params = UkfParams(
         n=6, m=3, q=6, r=3, pes=4, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
     )
@@ -321,11 +326,15 @@ def test_redrawing_is_counted():
         [Traffic(**count_words(params, redraws=redraws)) for redraws in (False, True)],
         [latency(params, Pipeline(), redraws=redraws) for redraws in (False, True)],
     )
-    assert (once.words_read + once.words_written, drawn.words_read + drawn.words_written) == (
-        129, 177,
-    )  # fmt: skip
-    assert (short["total"], long["total"]) == (628, 985)
+    n, m = params.n, params.m
+    read, written = n * (n + 1) + n, (n + m) * (n + 1) + m
+    assert (once.words_read, once.words_written) == (read, written)
+    assert (drawn.words_read, drawn.words_written) == (read + n * (n + 1) + n, written)
     programs = short["programs"]
+    assert short["total"] == programs["PREDICT"] + programs["UPDATE"]
+    assert long["total"] == sum(
+        programs[name] for name in ("PREDICT", "SIG_GEN_PREDICTED", "UPDATE_REDRAWN")
+    )
     assert long["steps"] == {
         "PREDICT": programs["PREDICT"], "SIG_GEN": programs["SIG_GEN_PREDICTED"],
         "UPDATE": programs["UPDATE_REDRAWN"],
@@ -334,8 +343,8 @@ def test_redrawing_is_counted():
     found = {"schedule": long, "traffic": asdict(drawn)}
     row = figures(point, found, {}, Conditions())
     assert row["redraws"]
-    assert (row["cycles"], row["bus_words"]) == (985, drawn.words)
-    assert row["predict_cycles"] + row["update_cycles"] == 985
+    assert (row["cycles"], row["bus_words"]) == (long["total"], drawn.words)
+    assert row["predict_cycles"] + row["update_cycles"] == long["total"]
     chosen = figures(replace(point, redraw=False), {}, {}, Conditions())
     assert not chosen["redraws"]
 
@@ -487,7 +496,9 @@ def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
     assert failed["error"] == "resources: Yosys failed: no memory"
     assert failed["lut"] is None
     assert failed["cycles"] > 0
-    assert illegal["error"].startswith("core: pes must be between 1 and the number of columns, 3")
+    assert illegal["error"].startswith(
+        f"core: pes must be between 1 and {TINY.columns + 1}, one more than the number of columns"
+    )
     assert illegal["cycles"] is None
     # A failure is not kept.
     monkeypatch.setattr(series7, "synthesise", synthesise)

@@ -136,7 +136,7 @@ def list_entries(as_json: JsonOption = False) -> None:
     for entry in CATALOGUE.values():
         p = entry.params
         row: dict[str, Any] = {"name": entry.name, "doc": entry.doc, "source": entry.source}
-        row |= {"n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": p.N}
+        row |= {"n": p.n, "q": p.q, "r": p.r, "m": p.m, "sigma_points": len(p.points)}
         try:
             entry.scenario(0, 1)
         except MissingExtraError as error:

@@ -31,7 +31,9 @@ class Column(NamedTuple):
 COLUMNS = {
     "problem": Column(str, "Problem that the core is for, if it has a name."),
     **{label: Column(entry.cell_kind, entry.meaning.doc) for label, entry in PARAMETERS.items()},
-    "sigma_points": Column(int, "Sigma points, so evaluations of each model an iteration."),
+    "sigma_points": Column(
+        int, "Sigma points with a weight, so evaluations of each model an iteration."
+    ),
     "redraws": Column(bool, "Whether sigma points are drawn after every predict."),
     "predict_cycles": Column(int, "Clocks of PREDICT, with the SIG_GEN after it if that redraws."),
     "update_cycles": Column(
@@ -144,7 +146,7 @@ def _of_core(point: Point) -> dict[str, Any]:
         core = point.core
     except ValueError:
         return {}
-    return {"sigma_points": core.params.N, "redraws": core.redraws}
+    return {"sigma_points": len(core.params.points), "redraws": core.redraws}
 
 
 def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
