@@ -19,8 +19,9 @@ rows only (``x[0] + x[1]``) works both ways.
 
 Angles are wrapped to within half a turn of those of one sigma point, :attr:`UkfParams.centre`, so
 that no mean is taken across the cut at +-pi. Point 0 is at the mean. With W0 = 0 it is the last
-point, from which others can be farther away: by sqrt(M) + 1 / sqrt(M) standard deviations instead of
-sqrt(M) in the last element of x, w and v together, and no farther than from the mean in all others.
+point, from which others can be farther away: by sqrt(M) + 1 / sqrt(M) standard deviations instead
+of sqrt(M) in the last element of x, w and v together, and no farther than from the mean in all
+others.
 
 A model must be a function in the mathematical sense: equal arguments give equal results, and the
 arguments stay as they are. Kind, shape and NaN of the results and changed arguments are looked for

@@ -830,7 +830,9 @@ class Driver:
         n = self._params.n
         size = self._params.format.bus_words
         rows, columns = np.tril_indices(n)
-        addresses = self._addresses("P", range(n), range(n)).reshape(n, n, size)[rows, columns].reshape(-1)
+        addresses = (
+            self._addresses("P", range(n), range(n)).reshape(n, n, size)[rows, columns].reshape(-1)
+        )
         P = np.empty((n, n))
         with self._certainty:
             self._ensure_initialised()

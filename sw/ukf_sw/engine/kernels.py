@@ -249,9 +249,6 @@ def sig_gen(
     n = layout.params.n
     columns = [(layout.points[0], n + 2)]
     for i in range(n):
-        terms = [
-            (L[i, j], layout.state_sigma[j], [(1, j + 3)])
-            for j in range(i + 1)
-        ]
+        terms = [(L[i, j], layout.state_sigma[j], [(1, j + 3)]) for j in range(i + 1)]
         scalar, negative = state[i]
         multiply_add(builder, layout.X[i], (scalar, layout.ones, negative), terms, columns)

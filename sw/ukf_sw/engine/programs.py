@@ -153,8 +153,13 @@ def _init(b: ProgramBuilder) -> None:
             for j in range(length):
                 b.load(vector, offset + j)
     # Above the diagonal the factors are zero, whatever the bus has written.
-    sensors = [layout.Z[rows.start : rows.stop] for rows in map(p.rows_of, range(len(p.sensor_rows)))]
-    for rows, (start, stop) in ((layout.X, layout.noise_q), *((Z, layout.noise_r) for Z in sensors)):
+    sensors = [
+        layout.Z[rows.start : rows.stop] for rows in map(p.rows_of, range(len(p.sensor_rows)))
+    ]
+    for rows, (start, stop) in (
+        (layout.X, layout.noise_q),
+        *((Z, layout.noise_r) for Z in sensors),
+    ):
         for i, row in enumerate(rows):
             b.multiply(row, layout.ones, layout.ones, [(start + i + 1, stop)])
     first = 0

@@ -20,8 +20,8 @@ class GoldenBuffer:
     """The buffer, one bus word or many at a time.
 
     Words are kept as they are written, whatever number they are; bits above the width of the
-    format are dropped. An access that meets an unmapped address does nothing. Column 0 of what has no
-    sigma point 0 is read as :class:`ukf_sw.spec.memory_map.FirstColumn` says, and never written.
+    format are dropped. An access that meets an unmapped address does nothing. Column 0 of what has
+    no sigma point 0 is read as :class:`ukf_sw.spec.memory_map.FirstColumn` says, and never written.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ class MemoryMap:
         p = self.params
         first = p.points.start
         written = (
-            f"SIG_GEN and UPDATE write columns {first} to n + 1 = {p.n + 1} only; the others are to "
-            "be read as column 0."
+            f"SIG_GEN and UPDATE write columns {first} to n + 1 = {p.n + 1} only; the others are "
+            "to be read as column 0."
         )
         taken = f"PREDICT takes all {p.N}."
         state, empty = "", ""
