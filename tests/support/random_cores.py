@@ -39,4 +39,4 @@ def random_configuration(rng, largest=5):
     pipeline = Pipeline(
         multiply=rng.randint(1, 5), add=rng.randint(1, 6), reciprocal_sqrt=rng.randint(1, 9)
     )
-    return dataclasses.replace(params, pes=rng.randint(1, params.columns)), pipeline
+    return dataclasses.replace(params, pes=rng.randint(1, params.columns + 1)), pipeline
