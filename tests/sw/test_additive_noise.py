@@ -8,9 +8,10 @@ import pytest
 
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.layout import Layout
+from ukf_sw.errors import StepError
 from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.reference import ReferenceUkf
-from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
@@ -125,6 +126,38 @@ def test_golden_follows_the_reference_whatever_sensor_is_next(params, form):
     assert {sensor for sensor, _ in sampled} == set(range(len(params.sensor_rows)))
     if params.sensors:
         assert any(count < params.sensor_rows[sensor] for sensor, count in sampled)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("W0", EVERY_W0)
+@pytest.mark.parametrize("pes", [1, 2, 3, 4, -1])
+def test_a_failed_update_leaves_no_noise_to_that_of_a_smaller_sensor(pes, W0, form):
+    """Neither in its results, nor as an overflow in columns that are none of its own."""
+    params = UkfParams(
+        n=2, m=4, r=4, sensors=(1, 3), W0=W0, form=form, format=BINARY16, **ADDITIVE
+    )  # fmt: skip
+    params = replace(params, pes=params.columns + 1 if pes == -1 else pes)
+    layout, results = Layout(params), []
+    # Two rows that see the same without noise, and one whose noise is too large for a product.
+    variances = np.square([5.0, 0.0, 0.0, 20_000.0])
+    for fails in (False, True):
+        core = GoldenCore(params)
+        driver = Driver(GoldenBus(core), params)
+        P = np.array([[100.0, 10.0], [10.0, 80.0]])
+        driver.initialise(np.array([3.0, -5.0]), P, np.zeros((0, 0)), np.diag(variances))
+        points = driver.sigma_points()
+        if fails:
+            with pytest.raises(StepError):
+                driver.update(points[[0, 0, 1]], np.zeros(3), np.ones(3, dtype=bool), 1)
+            (address, _), lane = layout.Ez[2].element(layout.noise_r[0] + 2)
+            left = params.format.decode(core.engine.memory[lane, address])
+            # With one processing element the error comes before; but no beat is shared.
+            assert pes == 1 or left > params.format.max_finite / 100.0
+            driver.recover()
+            np.testing.assert_array_equal(driver.sigma_points(), points)
+        nis, _ = driver.update(points[:1], np.array([4.0]), np.ones(1, dtype=bool), 0)
+        results.append((nis, driver.state().tolist(), driver.covariance().tolist()))
+    assert results[0] == results[1]
 
 
 class Scribbling(GoldenBus):
