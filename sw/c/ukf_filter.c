@@ -696,6 +696,23 @@ static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint
     return UKF_OK;
 }
 
+/** What is expected of a row of z: its value at the mean; without W0 all weights are equal. */
+static ukf_real expected(const struct ukf *ukf, uint32_t row)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    const uint32_t first = ukf_core_first_point(core);
+    const ukf_real *points = ukf->Z + row * core->points;
+    double sum = 0;
+
+    if (first == 0u) {
+        return points[0];
+    }
+    for (uint32_t k = first; k < core->points; k++) {
+        sum += (double)points[k];
+    }
+    return (ukf_real)(sum / (double)(core->points - first));
+}
+
 enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask)
 {
     const struct ukf_core *core = ukf->driver.core;
@@ -746,7 +763,7 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
     for (uint32_t i = 0; i < rows; i++) {
         observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
         if ((angles >> i & 1u) != 0u) {
-            observation[i] = wrap(observation[i], ukf->Z[i * core->points + ukf_core_centre(core)]);
+            observation[i] = wrap(observation[i], expected(ukf, i));
         }
         /* It is for a gate to reject what is too large for the format, which is binary32 then. */
         if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {

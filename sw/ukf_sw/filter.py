@@ -504,7 +504,9 @@ class UnscentedKalmanFilter:
         results = h(points, noise, keywords=arguments, used_rows=used)
         for row in h.angles:
             if used[row]:
-                observation[row] = wrap(observation[row], results[row, h.centre])
+                # Without W0 the centre may be far from the mean, and all weights are equal.
+                expected = results[row, h.centre] if self._params.W0 else results[row].mean()
+                observation[row] = wrap(observation[row], expected)
         with self._certainty:
             nis, gated = self._backend.update(results, observation, used, number)
             if not gated:

@@ -20,14 +20,15 @@ rows only (``x[0] + x[1]``) works both ways.
 Angles are wrapped to within half a turn of those of one sigma point, :attr:`UkfParams.centre`, so
 that no mean is taken across the cut at +-pi. With a W0 it is point 0, the mean. With W0 = 0 it is
 the last point, from which others can be farther away: by sqrt(M) + 1 / sqrt(M) standard deviations
-instead of sqrt(M) in the last element of x, w and v together, and no farther in all others.
+instead of sqrt(M) in the last element of x, w and v together, and no farther in all others. z is
+wrapped to within half a turn of the mean of what is expected.
 
 A model must be a function in the mathematical sense: equal arguments give equal results, and the
 arguments stay as they are. Kind, shape and NaN of the results and changed arguments are looked for
 in every call. Whether equal arguments give equal results is looked at in the first, second, fourth,
-eighth, ... call of a filter: it sends two sigma points through the model again. A vectorized model
-gets those two alone, the last one, the first one behind point 0 and the last one once more, so one
-that mixes columns is found as well.
+eighth, ... call of a filter: it sends two sigma points through the model again, the last one and
+the first one behind point 0, one of them twice. A vectorized model gets those alone, in another
+order and with another one in front, so one that mixes columns is found as well.
 """
 
 import inspect
@@ -153,8 +154,10 @@ class CheckedModel:
         #: Column of the sigma point to which angles are wrapped.
         self.centre = points.index(centre)
         # Columns that are sent through the model again. Every filter has them, they differ in every
-        # row with uncertainty, and the mean of the three is not that of all.
-        self._probes = [len(points) - 1, points.index(1), len(points) - 1]
+        # row with uncertainty, and the mean of the three is not that of all. The one in front
+        # differs so from column 0: point 0, if it is there, may equal the last one.
+        first, last = points.index(1), len(points) - 1
+        self._probes = [first, last, first] if first else [last, first, last]
         self.function = function
         self._noise = takes[1]
         self._asked_by = asked_by

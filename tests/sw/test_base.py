@@ -135,8 +135,8 @@ def test_the_emulated_core_is_the_golden_model_bit_for_bit(seed):
         driver.initialise(x, P, np.eye(params.q), np.eye(params.r))
         driver.set_gate(1.5)
     for step in range(6):
-        points = rng.normal(size=(params.n, params.N)) * 10.0 ** (step - 2)
-        observed = rng.normal(size=(params.m, params.N))
+        points = rng.normal(size=(params.n, len(params.points))) * 10.0 ** (step - 2)
+        observed = rng.normal(size=(params.m, len(params.points)))
         z = rng.normal(size=params.m)
         mask = rng.random(params.m) < 0.7
         seen = []

@@ -11,6 +11,7 @@ from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.pendulum import pendulum
 from ukf_sw.reference import sigma_coefficients
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
+from ukf_sw.spec.float_format import FORMATS as NAMED
 from ukf_sw.spec.parameters import UkfParams
 
 FORMATS = [BINARY16, BFLOAT16, BINARY32, BINARY64, FloatFormat(exponent_bits=6, fraction_bits=17)]
@@ -36,6 +37,26 @@ def test_weights_sum_to_one_exactly(number_format, W0):
         assert np.ptp(row[1:]) <= number_format.epsilon * row[1:].max()
 
 
+@pytest.mark.parametrize("number_format", NAMED.values(), ids=NAMED)
+def test_without_W0_point_0_has_no_weight_at_all(number_format):
+    """So nothing is lost where it is left out: what rounding leaves goes to the others."""
+    legal = 0
+    for M in range(1, 97):
+        n, q = min(M, 32), min(max(M - 32, 0), 32)
+        try:
+            params = UkfParams(n=n, m=1, q=q, r=M - n - q, format=number_format)
+        except ValueError:
+            continue
+        assert params.M == M
+        legal += 1
+        row = weights(params)
+        assert row[0] == 0.0
+        assert len(row[1:]) == len(params.points)
+        assert sum(map(Fraction, row[1:])) == 1
+        assert (row[1:] > 0.0).all()
+    assert legal == 96
+
+
 @pytest.mark.parametrize("number_format", [BFLOAT16, BINARY16, BINARY32])
 @pytest.mark.parametrize(("n", "W0"), [(15, 0.9), (15, 0.0), (31, 0.9), (20, 0.0), (6, 1 / 3)])
 def test_the_mean_of_the_sigma_points_is_not_shifted(number_format, n, W0):
@@ -53,9 +74,14 @@ def test_weights_below_the_format_are_refused(W0, number_format):
 
 @pytest.mark.parametrize("W0", [0.0, 0.3])
 def test_means_are_not_biased(W0):
-    """With weights that only were rounded these differences were two to seven times as large."""
-    scenario = pendulum(0, steps=200)
-    pes = scenario.params.columns
-    scenario = replace(scenario, W0=W0, pes=pes)
-    difference = run(scenario, "golden").x - run(scenario, "reference").x
-    assert (np.sqrt(np.mean(np.square(difference), axis=0)) < [1e-6, 2e-6]).all()
+    """With weights that only were rounded these differences were two to seven times as large.
+
+    Rounding errors of sums differ by data and order, so they are taken over some of both.
+    """
+    squares = []
+    for seed in range(4):
+        scenario = replace(pendulum(seed, steps=200), W0=W0)
+        expected = run(scenario, "reference").x
+        for pes in (1, 3):
+            squares.append(np.square(run(replace(scenario, pes=pes), "golden").x - expected))
+    assert (np.sqrt(np.mean(squares, axis=(0, 1))) < [1e-6, 2e-6]).all()

@@ -179,7 +179,7 @@ def test_every_word_has_its_name(seed):
 
 
 def test_columns_are_said_as_runs():
-    code = microcode(UkfParams(n=4, m=2, pes=6), Pipeline())
+    code = microcode(UkfParams(n=5, m=2, pes=6), Pipeline())
     mnemonics, word = Mnemonics(code), code.layout.X[3].word(1)
     assert mnemonics.place(word) == "X[3][6..11]"
     assert mnemonics.place(word, 0b101110) == "X[3][7..9,11]"
@@ -202,13 +202,18 @@ def test_listing_of_a_small_program():
     }
 
 
-def test_listing_of_an_update():
-    """One state, one observation without noise, three sigma points on two lanes."""
-    code = microcode(UkfParams(n=1, m=1, pes=2, observation_noise=Noise.ADDITIVE), Pipeline())
+@pytest.mark.parametrize(("W0", "first"), [(0.0, "1"), (0.5, "0..1")])
+def test_listing_of_an_update(W0, first):
+    """One state, one observation without noise, on two lanes: sigma points are columns 0 to 2.
+
+    Without W0 the right-hand side is in column 0; with W0 a third word has it.
+    """
+    params = UkfParams(n=1, m=1, pes=2, W0=W0, observation_noise=Noise.ADDITIVE)
+    code = microcode(params, Pipeline())
     lines = texts(code, Program.UPDATE)
     found = "\n".join(line.text for line in lines)
     for text in (
-        "DOT      s0 = Z[0][0..1] . weights[0..1]",
+        f"DOT      s0 = Z[0][{first}] . weights[{first}]",
         "            + Z[0][2] . weights[2]  (0 if z[0] masked)",
         "AXPY     Ez[0][0..1] = Z[0][0..1] - s0 * ones[0..1]  (0 if z[0] masked)",
         "MULTIPLY Ez[0][0..1] = Ez[0][0..1] * root[0]",

@@ -22,6 +22,7 @@ from ukf_sw.errors import (
     WrongCoreError,
 )
 from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
@@ -39,6 +40,9 @@ from ukf_sw.spec.registers import (
 from ukf_sw.spec.sequence import Flag, Step
 
 SMALL = UkfParams(n=2, m=2, q=1, r=2)
+#: Sigma points of it that have a weight.
+K = len(SMALL.points)
+EVERY_W0 = [0.0, 0.5]
 ADDITIVE = {"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}
 REGISTER_SPACE = max(register.offset for register in REGISTERS) + 4
 
@@ -95,7 +99,7 @@ def iterate(driver, z=None):
     moved = points.copy()
     moved[: len(W)] += W[: params.n]
     points = driver.predict(moved)
-    observed = np.resize(points, (params.m, params.N)) + (V if params.r == params.m else 0.0)
+    observed = np.resize(points, (params.m, points.shape[1])) + (V if params.r == params.m else 0.0)
     z = np.zeros(params.m) if z is None else z
     return driver.update(observed, z, np.ones(params.m, dtype=bool))
 
@@ -221,24 +225,29 @@ def test_words_are_those_of_the_format(number_format):
 # Traffic.
 
 
-@pytest.mark.parametrize(
-    ("noise", "read", "written"), [({}, 63 + 7, 154 + 132 + 6), (ADDITIVE, 63 + 7, 63 + 54 + 6)]
-)
-def test_traffic_of_the_nanosatellite(noise, read, written):
-    driver, bus, _ = start(UkfParams(n=7, m=6, q=7, r=6, pes=4, **noise))
-    moved, observed = np.ones((7, driver.params.N)), np.ones((6, driver.params.N))
+@pytest.mark.parametrize(("W0", "limits"), [(0.0, (350, 180)), (0.5, (365, 196))])
+@pytest.mark.parametrize("is_additive", [False, True])
+def test_traffic_of_the_nanosatellite(is_additive, W0, limits):
+    params = replace(NANOSAT_ADDITIVE if is_additive else NANOSAT, W0=W0)
+    n, m, count = params.n, params.m, len(params.points)
+    driver, bus, _ = start(params)
+    moved, observed = np.ones((n, count)), np.ones((m, count))
     moved[:, 0] = observed[:, 0] = 2.0
     observed *= np.random.default_rng(1).standard_normal(observed.shape)
-    for _ in range(2):
+    # Points up to n + 1, those that there are, and x. Then all points, twice, and z.
+    read = n * (n + 2 - params.points.start) + n
+    written = (n + m) * count + m
+    driver.state()  # of an estimate whose x is known it is not read again
+    for _ in range(3):
         before = driver.traffic
         reads, writes = len(bus.reads), len(bus.writes)
         driver.sigma_points()
         driver.predict(moved + np.random.default_rng(1).standard_normal(moved.shape))
-        driver.update(observed, np.zeros(6), np.ones(6, dtype=bool))
+        driver.update(observed, np.zeros(m), np.ones(m, dtype=bool))
         driver.state()
         traffic = driver.traffic - before
         assert (traffic.words_read, traffic.words_written) == (read, written)
-        assert traffic.words == (365 if noise == {} else 196)
+        assert traffic.words == read + written + traffic.starts <= limits[is_additive]
         assert len(bus.reads) - reads == traffic.words_read + traffic.control_reads
         assert len(bus.writes) - writes == (
             traffic.words_written + traffic.control_writes + traffic.starts
@@ -267,14 +276,62 @@ def test_blocks_and_single_accesses_are_the_same(number_format, noise):
     assert outcomes[0] == outcomes[1]
 
 
-def test_only_distinct_columns_are_read():
-    driver, bus, _ = start()
+@pytest.mark.parametrize("W0", EVERY_W0)
+def test_only_distinct_columns_are_read(W0):
+    params = replace(SMALL, W0=W0)
+    driver, bus, _ = start(params)
     bus.reads.clear()
     points = driver.sigma_points()
-    memory_map = MemoryMap(SMALL)
-    X = {memory_map.address("X", i, k) for i in range(2) for k in range(4)}
-    assert {address for address in bus.reads if address >= REGISTER_SPACE} == X
-    np.testing.assert_array_equal(points[:, 4:], np.repeat(points[:, :1], 3, axis=1))
+    memory_map, n = MemoryMap(params), params.n
+    drawn = [k for k in params.points if k <= n + 1]
+    expected = [memory_map.address("X", i, k) for i in range(n) for k in drawn]
+    if not W0:  # there is no point 0, which is x
+        expected += [memory_map.address("x", 0, i) for i in range(n)]
+    assert [address for address in bus.reads if address >= REGISTER_SPACE] == expected
+    assert points.shape == (n, len(params.points))
+    others = len(params.points) - len(drawn)
+    assert others > 0
+    np.testing.assert_array_equal(points[:, len(drawn) :].T, [[1.0, 2.0]] * others)
+
+
+@pytest.mark.parametrize("W0", EVERY_W0)
+def test_x_is_read_once(W0):
+    """And again when a step may have changed it, or it has been written."""
+    params = replace(SMALL, W0=W0)
+    driver, bus, _ = start(params)
+    x = {MemoryMap(params).address("x", 0, i) for i in range(params.n)}
+
+    def reads_of_x(call):
+        bus.reads.clear()
+        call()
+        count = sum(address in x for address in bus.reads)
+        driver.state()
+        known = bool(count) or not any(address in x for address in bus.reads)
+        bus.reads.clear()
+        driver.state()[:] = np.nan  # what is given is a copy
+        assert not bus.reads
+        return count, known
+
+    def update(gate):
+        driver.set_gate(gate)
+        points = np.random.default_rng(1).normal(size=(params.m, len(params.points)))
+        driver.update(points, np.full(params.m, 9.0), np.ones(params.m, dtype=bool))
+
+    once, at_once = (params.n, True), (0, True)
+    assert reads_of_x(driver.sigma_points) == (at_once if W0 else once)  # point 0 is x
+    assert reads_of_x(driver.sigma_points) == at_once
+    moved = driver.sigma_points() + np.arange(len(params.points))
+    for call in (
+        lambda: driver.predict(moved),
+        lambda: update(np.inf),
+        lambda: driver.set_state(np.ones(params.n)),
+        lambda: driver.initialise(np.ones(params.n), np.eye(2), np.eye(1), np.eye(2)),
+    ):
+        assert reads_of_x(call) == (0, False)
+    assert reads_of_x(driver.redraw) == at_once
+    assert reads_of_x(lambda: update(0.1)) == at_once
+    assert reads_of_x(lambda: driver.set_covariance(np.eye(2))) == at_once
+    assert reads_of_x(lambda: driver.set_noise(np.eye(1), np.eye(2))) == at_once
 
 
 def test_covariance_reads_the_lower_triangle():
@@ -348,7 +405,7 @@ def test_overflow_on_the_way_to_the_core_is_its_error():
 def test_a_step_out_of_sequence_is_illegal():
     driver, _, _ = start()
     with pytest.raises(IllegalStepError):
-        driver.update(np.zeros((2, 7)), np.zeros(2), np.ones(2, dtype=bool))
+        driver.update(np.zeros((2, K)), np.zeros(2), np.ones(2, dtype=bool))
 
 
 def test_a_step_dropped_by_another_is_lost():
@@ -426,7 +483,7 @@ def test_a_step_that_has_ended_is_in_time_however_late_we_look(polling):
 
     bus.read = end_unseen
     points = driver.sigma_points()
-    assert points.shape == (2, 7)
+    assert points.shape == (2, K)
     assert Flag.POINTS in core.flags
 
 
@@ -448,7 +505,7 @@ def test_polling_waits():
         return read(address)
 
     bus.read = finish_on_the_third
-    driver.predict(np.ones((2, 7)))
+    driver.predict(np.ones((2, K)))
     assert polls == 3
 
 
@@ -579,15 +636,18 @@ def test_polling_leaves_interrupts_off():
 # State.
 
 
-def test_noise_points_are_read_once_written():
-    driver, _, _ = start(UkfParams(n=2, m=1, q=2, r=1, observation_noise=Noise.ADDITIVE))
+@pytest.mark.parametrize("W0", EVERY_W0)
+def test_noise_points_are_read_once_written(W0):
+    params = UkfParams(n=2, m=1, q=2, r=1, W0=W0, observation_noise=Noise.ADDITIVE)
+    driver, _, _ = start(params)
     W, V = driver.noise_points()
-    assert V.shape == (1, 6)
+    assert W.shape == (2, len(params.points))
+    assert V.shape == (1, len(params.points))
     assert not V.any()
-    np.testing.assert_allclose(W @ W.T / 5, np.eye(2) * 0.01, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(params.W1 * W @ W.T, np.eye(2) * 0.01, rtol=1e-6, atol=1e-9)
     driver.set_noise(np.array([[1.0, 0.5], [0.5, 2.0]]), np.eye(1))
     W, _ = driver.noise_points()
-    np.testing.assert_allclose(W @ W.T / 5, [[1.0, 0.5], [0.5, 2.0]], rtol=1e-6)
+    np.testing.assert_allclose(params.W1 * W @ W.T, [[1.0, 0.5], [0.5, 2.0]], rtol=1e-6)
 
 
 def test_noise_may_change_between_predict_and_update():
@@ -605,7 +665,8 @@ def test_set_state_keeps_a_predicted_covariance():
     P = driver.covariance()
     driver.set_state(np.array([5.0, 6.0]))
     points = driver.sigma_points()
-    np.testing.assert_array_equal(points[:, 0], [5.0, 6.0])
+    np.testing.assert_array_equal(driver.state(), [5.0, 6.0])
+    np.testing.assert_allclose(points.mean(axis=1), [5.0, 6.0], rtol=1e-6)
     np.testing.assert_allclose(driver.covariance(), P, rtol=1e-6)
 
 
@@ -631,7 +692,7 @@ def test_a_predict_without_having_read_the_points_can_be_undone():
     driver, _, _ = start()
     driver.redraw()
     before = driver.traffic
-    driver.predict(np.ones((2, 7)))
+    driver.predict(np.ones((2, K)))
     assert (driver.traffic - before).words_read == 2  # x
     assert driver.undo_predict()
     np.testing.assert_array_equal(driver.state(), [1.0, 2.0])

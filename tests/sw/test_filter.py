@@ -29,6 +29,12 @@ from ukf_sw.spec.registers import CONTROL, GATE_LOW
 
 BACKENDS = ["reference", "golden"]
 PARAMS = UkfParams(n=3, m=2, q=2, r=2, format=BINARY64, pes=3)
+#: Without W0 there is no sigma point 0.
+EVERY_W0 = [0.0, 0.5]
+#: Sigma points that models are called for, the first and the last of them, and how often a model is
+#: called again to see whether it is a function.
+K, FIRST, LAST = len(PARAMS.points), PARAMS.points[0], PARAMS.points[-1]
+PROBES = 3
 X0 = np.array([1.0, 0.5, -0.2])
 P0 = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.3]])
 Q = np.diag([0.01, 0.02])
@@ -188,7 +194,7 @@ def returns(value):
 
 
 def breaks_at(index, good, bad):
-    """Make a model that returns something else at one sigma point."""
+    """Make a model that returns something else in one call."""
 
     def make_model():
         calls = iter(range(100))
@@ -197,33 +203,37 @@ def breaks_at(index, good, bad):
     return make_model
 
 
+#: With the numbers of the sigma points of each call.
 BAD_MODELS = [
-    (returns([1.0, 2.0]), ValueError, "must return the shape ({0},), at sigma point 0, not (2,)"),
-    (returns(None), TypeError, "must return real numbers, at sigma point 0, not None"),
-    (returns("abc"), TypeError, "must return real numbers, at sigma point 0, not 'abc'"),
-    (returns([1j] * 3), TypeError, "must return real numbers, at sigma point 0, not [1j, 1j, 1j]"),
-    (returns([[1], [1, 2]]), TypeError, "must return an array of numbers, at sigma point 0"),
-    (returns(np.array([1.0, None, 2.0])), TypeError, "must return real numbers, at sigma point 0"),
-    (returns(1.0), ValueError, "must return the shape ({0},), at sigma point 0, not ()"),
+    (returns([1.0, 2.0]), ValueError, "must return the shape (3,), at sigma point {0}, not (2,)"),
+    (returns(None), TypeError, "must return real numbers, at sigma point {0}, not None"),
+    (returns("abc"), TypeError, "must return real numbers, at sigma point {0}, not 'abc'"),
+    (returns([1j] * 3), TypeError,
+     "must return real numbers, at sigma point {0}, not [1j, 1j, 1j]"),
+    (returns([[1], [1, 2]]), TypeError, "must return an array of numbers, at sigma point {0}"),
+    (returns(np.array([1.0, None, 2.0])), TypeError,
+     "must return real numbers, at sigma point {0}"),
+    (returns(1.0), ValueError, "must return the shape (3,), at sigma point {0}, not ()"),
     (returns([[1.0], [2.0], [3.0]]), ValueError,
-     "must return the shape ({0},), at sigma point 0, not (3, 1)"),
+     "must return the shape (3,), at sigma point {0}, not (3, 1)"),
     (breaks_at(3, np.zeros(3), None), TypeError,
-     "must return real numbers, at sigma point 3, not None"),
+     "must return real numbers, at sigma point {3}, not None"),
     (breaks_at(4, np.zeros(3), [0.0, np.nan, 0.0]), ValueError,
-     "must return finite numbers, at sigma point 4, not nan in row 1"),
-    (breaks_at(8, np.zeros(3), [np.inf, 0.0, 0.0]), ValueError,
-     "must return finite numbers, at sigma point 8, not inf in row 0"),
+     "must return finite numbers, at sigma point {4}, not nan in row 1"),
+    (breaks_at(K - 1, np.zeros(3), [np.inf, 0.0, 0.0]), ValueError,
+     f"must return finite numbers, at sigma point {{{K - 1}}}, not inf in row 0"),
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("W0", EVERY_W0)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("model", "kind", "message"), BAD_MODELS)
-def test_wrong_results_of_the_process_model_are_named(backend, model, kind, message):
-    ukf = make(backend, f=model())
+def test_wrong_results_of_the_process_model_are_named(backend, model, kind, message, W0):
+    params = replace(PARAMS, W0=W0)
+    ukf = make(backend, params, f=model())
     before = estimate(ukf)
-    with pytest.raises(
-        kind, match="^process model f \\(<lambda>\\) " + re.escape(message.format(3))
-    ):
+    named = "process model f (<lambda>) " + message.format(*params.points)
+    with pytest.raises(kind, match="^" + re.escape(named)):
         ukf.predict()
     assert estimate(ukf) == before
 
@@ -242,15 +252,15 @@ def test_wrong_results_of_the_observation_model_are_named(ukf):
 @pytest.mark.parametrize(
     ("model", "shape"),
     [
-        (lambda x, w, u: x[:2], "(2, 9)"),
-        (lambda x, w, u: x.T, "(9, 3)"),
+        (lambda x, w, u: x[:2], f"(2, {K})"),
+        (lambda x, w, u: x.T, f"({K}, 3)"),
         (lambda x, w, u: x.sum(axis=1), "(3,)"),
         (lambda x, w, u: x[:, :1], "(3, 1)"),
     ],
 )
 def test_wrong_results_of_vectorized_models_are_named(model, shape):
-    text = "process model f (<lambda>) must return the shape (3, 9), one column a sigma point, not "
-    with pytest.raises(ValueError, match="^" + re.escape(text + shape)):
+    text = f"must return the shape (3, {K}), one column a sigma point, not {shape}"
+    with pytest.raises(ValueError, match="^" + re.escape("process model f (<lambda>) " + text)):
         make(f=model, vectorized=True).predict()
 
 
@@ -259,8 +269,9 @@ def test_what_a_model_raises_names_the_sigma_point(ukf):
     ukf._f.function = lambda x, w, u: f(x, w, u) if next(calls) < 6 else 1 / 0
     with pytest.raises(ZeroDivisionError) as caught:
         ukf.predict()
+    where = f"at sigma point {PARAMS.points[6]}"
     assert caught.value.__notes__ == [
-        "in process model f (f), at sigma point 6, called with x of shape (3,) and w of shape (2,)"
+        f"in process model f (f), {where}, called with x of shape (3,) and w of shape (2,)"
     ]
 
 
@@ -288,9 +299,10 @@ def one_point_only(x, w, u):
 
 
 MODELS_THAT_RAISE = [
-    (wrong_size, False, ValueError, "at sigma point 0, called with x of shape (3,) and"),
-    (wrong_size, True, ValueError, "one column a sigma point, called with x of shape (3, 9) and"),
-]
+    (wrong_size, False, ValueError, f"at sigma point {FIRST}, called with x of shape (3,) and"),
+    (wrong_size, True, ValueError,
+     f"one column a sigma point, called with x of shape (3, {K}) and"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("model", "vectorized", "kind", "note"), MODELS_THAT_RAISE)
@@ -306,14 +318,14 @@ def test_what_a_model_raises_names_call_and_shapes(model, vectorized, kind, note
 AMBIGUOUS = "The truth value of an array with more than one element is ambiguous. Use a.any() or a"
 MISTAKES = [
     (with_input, False, TypeError, "process model f (with_input) raised IndexError (too many ",
-     "), at sigma point 0: predict was given no u, so u is None"),
+     f"), at sigma point {FIRST}: predict was given no u, so u is None"),
     (with_time, False, TypeError, "predict must be given what process model f (with_time) takes, ",
      "(x, w, u, *, dt): missing a required argument: 'dt'"),
     (one_point_only, True, ValueError,
      f"process model f (one_point_only) raised ValueError ({AMBIGUOUS}",
      "one column a sigma point, but works for a single one: leave out vectorized=True, or let it"),
     (all_at_once, False, ValueError, "process model f (all_at_once) raised IndexError (too many ",
-     "), at sigma point 0, but works for several at once: say vectorized=True"),
+     f"), at sigma point {FIRST}, but works for several at once: say vectorized=True"),
 ]  # fmt: skip
 
 
@@ -332,7 +344,8 @@ def test_what_a_model_raises_is_kept_whatever_u_is(u):
     ukf = make(f=lambda x, w, u: x[np.arange(9)] + u[0])
     with pytest.raises(IndexError, match=r"^index 3 is out of bounds") as caught:
         ukf.predict(u)
-    assert caught.value.__notes__[0].startswith("in process model f (<lambda>), at sigma point 0")
+    note = f"in process model f (<lambda>), at sigma point {FIRST}, "
+    assert caught.value.__notes__[0].startswith(note)
 
 
 def test_an_argument_that_the_observation_model_does_not_know():
@@ -393,13 +406,14 @@ def sorted_columns(x, w, u):
     return np.sort(x, axis=1)
 
 
-EQUAL = "must give equal results for equal arguments, at sigma point 2, not "
+SAME = "must give equal results for equal arguments, at sigma point "
 COLUMNS = "must give equal results for equal arguments, whatever the other columns are, at sigma"
+#: With the number of the sigma point that is sent first again.
 NOT_FUNCTIONS = [
-    (Counting, False, f"(Counting) {EQUAL}"),
+    (Counting, False, f"(Counting) {SAME}{{0}}, not "),
     (Counting, True, f"(Counting) {COLUMNS}"),
-    (remembering, False, f"(drag) {EQUAL}"),
-    (noisy, False, f"(noisy_model) {EQUAL}"),
+    (remembering, False, f"(drag) {SAME}"),
+    (noisy, False, f"(noisy_model) {SAME}{{0}}, not "),
     (noisy, True, f"(noisy_model) {COLUMNS}"),
     (lambda: norm_of_all, True, f"(norm_of_all) {COLUMNS}"),
     (lambda: mean_of_all, True, f"(mean_of_all) {COLUMNS}"),
@@ -409,15 +423,36 @@ NOT_FUNCTIONS = [
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("W0", EVERY_W0)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize(("model", "vectorized", "message"), NOT_FUNCTIONS)
-def test_models_that_are_not_functions_are_found(backend, model, vectorized, message):
-    ukf = make(backend, f=model(), vectorized=vectorized)
+def test_models_that_are_not_functions_are_found(backend, model, vectorized, message, W0):
+    ukf = make(backend, replace(PARAMS, W0=W0), f=model(), vectorized=vectorized)
     before = estimate(ukf)
-    with pytest.raises(ValueError, match="^process model f " + re.escape(message)) as caught:
+    # It is another one than the first in all, and these two differ in every row.
+    said = message.format(1 if W0 else LAST)
+    with pytest.raises(ValueError, match="^process model f " + re.escape(said)) as caught:
         ukf.predict()
-    assert re.search(r"point [02], not \S+ and then \S+ in row [012]$", str(caught.value))
+    probes = rf"point ({LAST}|1), not \S+ and then \S+ in row [012]$"
+    assert re.search(probes, str(caught.value))
     assert estimate(ukf) == before
+
+
+@pytest.mark.parametrize("W0", EVERY_W0)
+@pytest.mark.parametrize(
+    "model", [norm_of_all, mean_of_all, relative_to_first, first_column_for_all, sorted_columns]
+)
+def test_mixed_columns_are_found_in_the_smallest_filter(model, W0):
+    """It has two sigma points beside point 0."""
+    f = (lambda x, w, u: np.tile(x[:, :1], x.shape[1])) if model is first_column_for_all else model
+    problem = Problem(
+        name="small", f=f, sensors=Sensor(lambda x, v: x, m=1), x0=[0.5], P0=[[1.0]], W0=W0,
+        vectorized=True,
+    )  # fmt: skip
+    ukf = UnscentedKalmanFilter(problem)
+    assert ukf.params.M == 1
+    with pytest.raises(ValueError, match=re.escape(COLUMNS)):
+        ukf.predict()
 
 
 @pytest.mark.parametrize("late", [2, 3, 5])
@@ -435,33 +470,42 @@ def test_models_that_stop_being_functions_are_found_later(ukf, late):
     raise AssertionError
 
 
-def test_how_often_models_are_called():
+@pytest.mark.parametrize("W0", EVERY_W0)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_how_often_models_are_called(backend, W0):
     calls = []
-    ukf = make(f=lambda *arguments: calls.append(None) or f(*arguments))
+    params = replace(PARAMS, W0=W0)
+    ukf = make(backend, params, f=lambda *arguments: calls.append(None) or f(*arguments))
     counts = []
     for _ in range(9):
         calls.clear()
         ukf.predict()
         counts.append(len(calls))
-    assert counts == [PARAMS.N + (2 if call in (1, 2, 4, 8) else 0) for call in range(1, 10)]
+    count = len(params.points)
+    assert counts == [count + (PROBES if call in (1, 2, 4, 8) else 0) for call in range(1, 10)]
 
 
+@pytest.mark.parametrize("W0", EVERY_W0)
 @pytest.mark.parametrize("vectorized", [False, True])
-@pytest.mark.parametrize(
-    ("argument", "value"), [("x", "[1.0, 0.5, -0.2]"), ("w", "[0.0, 0.0]"), ("v", "[0.0, 0.0]")]
-)
-def test_models_must_not_change_their_arguments(vectorized, argument, value):
+@pytest.mark.parametrize("argument", ["x", "w", "v"])
+def test_models_must_not_change_their_arguments(vectorized, argument, W0):
     def spoil(x, noise, *others):
         result = f(x, noise, *others) if others else h(x, noise)
         (x if argument == "x" else noise)[0] += 1.0
         return result
 
     model, name = ("h", "observation model h") if argument == "v" else ("f", "process model f")
-    ukf = make(vectorized=vectorized, **{model: spoil})
+    params = replace(PARAMS, W0=W0)
+    ukf = make(params=params, vectorized=vectorized, **{model: spoil})
+    noise = dict(zip("wv", ukf._noise_points, strict=True))
+    given = noise.get(argument, ukf._backend.sigma_points())[:, 0].tolist()
     if model == "h":
         ukf.predict()
     before = estimate(ukf)
-    text = f"{name} (spoil) must not change its argument {argument}, at sigma point 0, from {value}"
+    text = (
+        f"{name} (spoil) must not change its argument {argument}, at sigma point "
+        f"{params.points[0]}, from {given}"
+    )
     with pytest.raises(ValueError, match="^" + re.escape(text)):
         ukf.update([1.0, 2.0]) if model == "h" else ukf.predict()
     assert estimate(ukf) == before
@@ -471,7 +515,9 @@ def test_partial_functions_have_the_name_of_their_function():
     ukf = make(h=partial(h, gain=None))
     with pytest.raises(TypeError) as caught:
         ukf.update([1.0, 2.0])
-    assert caught.value.__notes__[0].startswith("in observation model h (h), at sigma point 0, ")
+    assert caught.value.__notes__[0].startswith(
+        f"in observation model h (h), at sigma point {FIRST}, "
+    )
 
 
 def test_rounding_of_vectorized_models_is_no_mixing():
@@ -479,7 +525,7 @@ def test_rounding_of_vectorized_models_is_no_mixing():
 
     def f(x, w, u):
         terms = np.array([0.1, 0.2, 0.3, -0.6])[:, None] * x[0]
-        zero = sum(terms if x.shape[1] == 9 else terms[::-1])
+        zero = sum(terms if x.shape[1] == K else terms[::-1])
         assert np.abs(zero).max() > 0.0
         return np.array([x[0], zero, x[2]])
 
@@ -546,6 +592,7 @@ def random_walk(ukf, seed, steps=150):
     return np.array(seen), done
 
 
+@pytest.mark.parametrize("W0", [0.0, 0.2])
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
     ("kinds", "form"),
@@ -558,9 +605,9 @@ def random_walk(ukf, seed, steps=150):
         ({"process_noise": Noise.ADDITIVE, "observation_noise": Noise.ADDITIVE}, Form.COVARIANCE),
     ],
 )
-def test_core_agrees_with_the_reference_whatever_happens(kinds, form, seed):
+def test_core_agrees_with_the_reference_whatever_happens(kinds, form, seed, W0):
     q = 3 if "process_noise" in kinds else 2
-    params = UkfParams(n=3, m=2, q=q, r=2, W0=0.2, format=BINARY64, pes=4, form=form, **kinds)
+    params = UkfParams(n=3, m=2, q=q, r=2, W0=W0, format=BINARY64, pes=4, form=form, **kinds)
     options = {"Q": np.eye(q) * 0.01, "redraw": seed == 3}
     expected, done = random_walk(make("reference", params, **options), seed)
     found, also_done = random_walk(make("golden", params, **options), seed)
@@ -789,8 +836,9 @@ def test_no_noise_terms_at_all(backend):
     np.testing.assert_allclose(ukf.x, [3.0], atol=1e-12)
 
 
+@pytest.mark.parametrize("W0", EVERY_W0)
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_additive_noise_reaches_the_models_as_zeros(backend):
+def test_additive_noise_reaches_the_models_as_zeros(backend, W0):
     seen = []
 
     def note(x, noise, *_):
@@ -799,13 +847,13 @@ def test_additive_noise_reaches_the_models_as_zeros(backend):
 
     problem = Problem(
         name="noted", f=note, sensors=Sensor(note, R=np.eye(1), m=1), x0=[0, 0], P0=np.eye(2),
-        Q=np.eye(2), process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE,
+        Q=np.eye(2), process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE, W0=W0,
     )  # fmt: skip
     ukf = UnscentedKalmanFilter(problem, backend)
     ukf.predict()
     ukf.update([1.0])
     assert set(seen) == {((2,), False), ((1,), False)}
-    assert len(seen) == 2 * (ukf.params.N + 2)  # two points are looked at again
+    assert len(seen) == 2 * (len(ukf.params.points) + PROBES)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -1113,7 +1161,8 @@ def test_other_masked_arrays_are_refused(ukf, name, set_to):
 
 def test_masked_results_of_a_model_are_refused(ukf):
     bad = make(f=lambda x, w, u: np.ma.masked_array(f(x, w, u), mask=[True, False, False]))
-    with pytest.raises(TypeError, match=r" must return no masked elements, at sigma point 0, not "):
+    message = f" must return no masked elements, at sigma point {FIRST}, not "
+    with pytest.raises(TypeError, match=message):
         bad.predict()
 
 

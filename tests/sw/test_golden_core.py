@@ -37,6 +37,7 @@ from ukf_sw.spec.registers import (
 from ukf_sw.spec.sequence import Bank, Flag, Program, Step
 
 SMALL = UkfParams(n=2, m=1, q=1, r=1, pes=2)
+EVERY_W0 = [0.0, 0.5]
 FORMATS = [BINARY16, BFLOAT16, BINARY32, BINARY64, FloatFormat(exponent_bits=6, fraction_bits=9)]
 ENABLE = CONTROL["ENABLE"].mask
 RESET = CONTROL["RESET"].mask
@@ -393,11 +394,13 @@ def test_gated_is_cleared_by_the_next_update_even_if_it_fails(core):
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("strobe", [0b0001, 0b1111, 0])
 def test_writes_to_the_estimate_outdate_what_was_made_of_it(core, before, strobe):
-    address = MemoryMap(SMALL).address
+    memory_map = MemoryMap(SMALL)
+    address = memory_map.address
     follow(core, *BEFORE[before])
     as_before = flags(core)
     for symbol in ("X", "W", "V", "Z", "z", "P", "LQ", "LR"):
-        core.write(address(symbol, 0, 0), 0)
+        for column in range(memory_map[symbol].columns):
+            core.write(address(symbol, 0, column), 0)
     assert flags(core) == as_before
     core.write(address("x", 0, 1), 0, strobe)
     assert flags(core) == (as_before if strobe == 0 else {"INITIALISED": 1})
@@ -496,25 +499,45 @@ def test_no_step_to_finish_or_to_advance(core):
 # The buffer.
 
 
+def elements(params):
+    """Bus words of all regions: symbol, row, column, and word within the element."""
+    return [
+        (region.symbol, row, column, word)
+        for region in MemoryMap(params)
+        for row in range(region.rows)
+        for column in range(region.columns)
+        for word in range(params.format.bus_words)
+    ]
+
+
 @pytest.mark.parametrize("number_format", FORMATS)
 @pytest.mark.parametrize("noise", Noise)
-def test_buffer_keeps_words(number_format, noise):
-    """Every element is on its own, and keeps any word, also through blocks of accesses."""
+@pytest.mark.parametrize("W0", EVERY_W0)
+def test_buffer_keeps_words(number_format, noise, W0):
+    """Every element is on its own, and keeps any word, also through blocks of accesses.
+
+    Without W0 there is no sigma point 0: there column 0 of X is x, that of others is zero.
+    """
     params = UkfParams(
         n=2, m=2, q=2, r=2, pes=3, format=number_format, process_noise=noise,
-        observation_noise=noise,
+        observation_noise=noise, W0=W0,
     )  # fmt: skip
     memory_map = MemoryMap(params)
     rng = np.random.default_rng(1)
+    places = elements(params)
     addresses = np.array(
-        [
-            memory_map.address(region.symbol, row, column) + 4 * word
-            for region in memory_map
-            for row in range(region.rows)
-            for column in range(region.columns)
-            for word in range(number_format.bus_words)
-        ]
+        [memory_map.address(symbol, row, column) + 4 * word for symbol, row, column, word in places]
     )
+    numbers = {place: i for i, place in enumerate(places)}
+
+    def shown(words):
+        """What is read after all are written."""
+        read = (words & width).tolist()
+        for i, (symbol, row, column, word) in enumerate(places):
+            if not W0 and column == 0 and symbol in ("X", "W", "V", "Z"):
+                read[i] = read[numbers["x", 0, row, word]] if symbol == "X" else 0
+        return np.array(read, dtype=np.uint32)
+
     width = np.uint32(0xFFFF_FFFF >> max(32 - number_format.width, 0))
     raw = rng.integers(0, 1 << 32, len(addresses), dtype=np.uint32)
     raw[rng.random(len(raw)) < 0.3] = rng.choice([0, 1, 0x7FC0_0001, 0xFFFF_FFFF, 0x8000_0000])
@@ -530,10 +553,11 @@ def test_buffer_keeps_words(number_format, noise):
                 assert core.write(int(addresses[i]), int(words[i]))
         else:
             assert core.write_many(addresses, words) == len(addresses)
-        np.testing.assert_array_equal(core.read_many(addresses), words & width)
+        expected = shown(words)
+        np.testing.assert_array_equal(core.read_many(addresses), expected)
         singly = [core.read(int(address)) for address in addresses]
-        assert singly == [(int(word), True) for word in words & width]
-        np.testing.assert_array_equal(core.read_many(addresses[::-1]), (words & width)[::-1])
+        assert singly == [(int(word), True) for word in expected]
+        np.testing.assert_array_equal(core.read_many(addresses[::-1]), expected[::-1])
 
 
 @pytest.mark.parametrize("number_format", [BINARY16, BINARY32, BINARY64])
@@ -617,6 +641,88 @@ def test_a_dropped_step_leaves_the_estimate_and_can_be_repeated():
         driver.update(points[:1], np.array([0.5]), np.array([True]))
         results.append((driver.state().tolist(), driver.covariance().tolist()))
     assert all(result == results[0] for result in results)
+
+
+@pytest.mark.parametrize("number_format", [BINARY16, BINARY32, BINARY64])
+@pytest.mark.parametrize("noise", Noise)
+@pytest.mark.parametrize("W0", EVERY_W0)
+def test_column_0_of_sigma_points(number_format, noise, W0):
+    """Without W0 X shows x there, whichever bank it is in; the others show zero, writes do nothing.
+
+    With W0 there is a sigma point 0, which is stored as all others.
+    """
+    params = UkfParams(
+        n=2, m=2, q=2, r=2, pes=2, format=number_format, process_noise=noise,
+        observation_noise=noise, W0=W0,
+    )  # fmt: skip
+    core = GoldenCore(params)
+    memory_map, codec = MemoryMap(params), WordCodec(number_format)
+    size, banks = number_format.bus_words, set()
+    driver = Driver(GoldenBus(core), params)
+    driver.initialise(np.array([1.5, -2.0]), np.eye(2), np.eye(2) * 0.25, np.eye(2))
+
+    def words_of(symbol, column=0):
+        return np.array([
+            memory_map.address(symbol, row, column) + 4 * word
+            for row in range(memory_map[symbol].rows) for word in range(size)
+        ])  # fmt: skip
+
+    x = np.array([memory_map.address("x", 0, i) + 4 * k for i in range(2) for k in range(size)])
+    columns = {symbol: words_of(symbol) for symbol in "XWVZ" if symbol in memory_map}
+    addresses = np.concatenate([*columns.values()])
+    assert len(columns) == (2 if noise is Noise.ADDITIVE else 4)
+
+    def look():
+        """Check what the columns show."""
+        banks.add(Bank.STATE in core.banks)
+        for symbol, column in columns.items():
+            read = core.read_many(column)
+            assert [core.read(int(a)) for a in column] == [(int(word), True) for word in read]
+            if not W0:
+                expected = core.read_many(x) if symbol == "X" else np.zeros(2 * size)
+                np.testing.assert_array_equal(read, expected)
+
+    def write():
+        """Write to the columns, word by word and at once; gives whether nothing has changed."""
+        before, seen = core.engine.memory.copy(), driver.state()
+        flags, written = core.flags, codec.to_words(np.full(len(addresses) // size, 7.0))
+        for address, word in zip(addresses.tolist(), written.tolist(), strict=True):
+            assert core.write(address, word)
+        singly = core.engine.memory.copy()
+        core.engine.memory[:] = before
+        assert core.write_many(addresses, written) == len(addresses)
+        np.testing.assert_array_equal(core.engine.memory, singly)
+        assert core.flags == flags
+        np.testing.assert_array_equal(codec.from_words(core.read_many(x)), seen)
+        if W0:
+            np.testing.assert_array_equal(core.read_many(addresses), written)
+        unchanged = np.array_equal(core.engine.memory, before)
+        core.engine.memory[:] = before
+        return unchanged
+
+    rng = np.random.default_rng(1)
+    for _ in range(2):
+        points = driver.sigma_points()
+        look()
+        assert write() is (W0 == 0.0)
+        driver.predict(points + np.array([[0.5], [1.0]]))
+        look()
+        assert write() is (W0 == 0.0)
+        look()
+        observed = rng.standard_normal((2, len(params.points)))
+        driver.update(observed, np.array([1.0, 2.0]), np.array([True, True]))
+        look()
+        assert write() is (W0 == 0.0)
+        driver.set_state(rng.standard_normal(2))
+        look()
+        # Mixed with other columns, which are written.
+        mixed = np.concatenate((addresses, words_of("Z", 1), addresses[::-1]))
+        words = codec.to_words(rng.standard_normal(len(mixed) // size))
+        assert core.write_many(mixed, words) == len(mixed)
+        kept = slice(len(addresses), len(addresses) + 2 * size)
+        np.testing.assert_array_equal(core.read_many(mixed)[kept], words[kept])
+        look()
+    assert banks == {False, True}
 
 
 def test_words_are_those_of_the_bus():

@@ -185,8 +185,10 @@ def test_one_compiled_function_serves_all_cores():
         n, m = params.n, params.m
         backend = make_backend("golden", params)
         backend.initialise(np.zeros(n), np.eye(n), np.eye(params.q), np.eye(params.r))
-        backend.predict(rng.standard_normal(backend.sigma_points().shape))
-        backend.update(rng.standard_normal((m, params.N)), np.zeros(m), np.ones(m, dtype=bool))
+        shape = backend.sigma_points().shape
+        backend.predict(rng.standard_normal(shape))
+        observed = rng.standard_normal((m, shape[1]))
+        backend.update(observed, np.zeros(m), np.ones(m, dtype=bool))
     assert len(interpreter._execute.signatures) == 1
 
 

@@ -3,13 +3,14 @@
 import json
 import random
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import Enum
 from typing import Annotated
 
 import numpy as np
 import pytest
 
+from ukf_sw.engine.layout import Layout
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.fields import Meaning, check_parameters, parameters_of
@@ -85,7 +86,8 @@ def cores(count, seed=1):
         ({"n": True}, TypeError, "n must be an int, not True"),
         ({"n": 2.0}, TypeError, "n must be an int, not 2.0"),
         ({"pes": 0}, ValueError, "pes must be at least 1, not 0"),
-        ({"pes": 5}, ValueError, "pes must be between 1 and the number of columns, 4, not 5"),
+        ({"pes": 5}, ValueError,
+         "pes must be between 1 and the number of columns, 4, not 5"),
         ({"process_noise": "colored"}, ValueError,
          "process_noise must be one of augmented, additive, not 'colored'"),
         ({"observation_noise": None}, TypeError, "observation_noise must be a Noise, not None"),
@@ -107,6 +109,38 @@ def cores(count, seed=1):
 def test_bad_parameters(arguments, error, message):
     with pytest.raises(error, match=f"^{re.escape(message)}$"):
         UkfParams(**{"n": 2, "m": 1} | arguments)
+
+
+@pytest.mark.parametrize("W0", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        {},
+        {"q": 3, "r": 2},
+        {"q": 2, "r": 3, "process_noise": "additive", "observation_noise": "additive"},
+        {"r": 3, "sensors": (1, 2), "observation_noise": "additive"},
+    ],
+)
+def test_there_are_at_most_as_many_processing_elements_as_columns(sizes, W0):
+    params = UkfParams(n=2, m=3, W0=W0, **sizes)
+    # Points with weight, right-hand side, and additive noise, of which sensors share the columns.
+    columns = len(params.points) + 1 + params.additive_q + params.columns_of_r
+    assert params.columns == columns == Layout(params).columns
+    assert replace(params, pes=columns).pes == columns
+    message = f"pes must be between 1 and the number of columns, {columns}, not {columns + 1}"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        replace(params, pes=columns + 1)
+
+
+@pytest.mark.parametrize("W0", [0.0, 0.5])
+def test_sigma_points_are_those_with_a_weight(W0):
+    for n in (1, 3):
+        params = UkfParams(n=n, m=2, q=2, r=1, W0=W0)
+        N = n + 2 + 1 + 2
+        assert params.N == N
+        assert [*params.points] == [*range(0 if W0 else 1, N)]
+        assert params.centre == (0 if W0 else N - 1)
+        assert params.centre in params.points
 
 
 @pytest.mark.parametrize(

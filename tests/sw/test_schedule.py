@@ -1,22 +1,27 @@
 """Schedules, their checker, control words, and the interpreter that executes them."""
 
+import dataclasses
+import os
 import random
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from support.random_cores import random_configuration
+from ukf_sw.engine import scheduler
 from ukf_sw.engine.adder_tree import adder_tree
 from ukf_sw.engine.checker import ScheduleError, check_schedule
 from ukf_sw.engine.control_word import ControlFormat
 from ukf_sw.engine.interpreter import Interpreter
 from ukf_sw.engine.layout import Layout
-from ukf_sw.engine.microcode import STEP_OVERHEAD, microcode
+from ukf_sw.engine.microcode import STEP_OVERHEAD, microcode, routines
 from ukf_sw.engine.operations import Kind, ProgramBuilder
 from ukf_sw.engine.programs import build_program
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
-from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.memory_map import FirstColumn, MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program, Routine
 
@@ -78,6 +83,80 @@ def test_most_random_programs_run_without_error():
         good += interpreter.run(Program.INIT).error_code == 0
         good += interpreter.run(Program.SIG_GEN).error_code == 0
     assert good == 24
+
+
+def every_strategy(timing):
+    """All strategies that there are for an array, the plain one among them."""
+    waits = scheduler._WAITS if timing.levels and timing.beat_interval > 1 else [(0, 0)]
+    return [scheduler._Strategy(*pair, counts) for pair in waits for counts in (False, True)]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_shortest_schedule_of_all_strategies_is_kept(seed):
+    """In particular none is longer than without waiting, by the chain of clocks alone."""
+    params, pipeline = random_configuration(random.Random(400 + seed), largest=4)
+    params = dataclasses.replace(params, pes=params.columns) if seed == 0 else params
+    layout, timing = Layout(params), Timing(params.pes, pipeline)
+    plain = scheduler._Strategy(0, 0, counts_issues=False)
+    for routine in routines(params):
+        operations = build_program(layout, *routine)
+        plan = schedule(operations, timing)
+        check_schedule(plan, pes=params.pes, pipeline=pipeline)
+        single = scheduler._Scheduler(operations, timing)
+        lengths = {}
+        for strategy in every_strategy(timing):
+            lengths[strategy] = single.length(single.place(strategy, None))
+            # One that takes as long as the limit, or longer, is given up.
+            assert single.place(strategy, lengths[strategy]) is None
+            assert single.place(strategy, lengths[strategy] + 1) is not None
+        assert plan.length == min(lengths.values()) <= lengths[plain], routine
+
+
+def test_waiting_for_a_phase_makes_some_schedules_shorter():
+    """Else the strategies would be for nothing."""
+    shorter = set()
+    for seed in range(400, 408):
+        params, pipeline = random_configuration(random.Random(seed), largest=4)
+        layout, timing = Layout(params), Timing(params.pes, pipeline)
+        for routine in routines(params):
+            single = scheduler._Scheduler(build_program(layout, *routine), timing)
+            waiting = {
+                strategy: single.length(single.place(strategy, None))
+                for strategy in every_strategy(timing)
+            }
+            without = min(waiting[each] for each in waiting if each[:2] == (0, 0))
+            by_clocks = min(waiting[each] for each in waiting if not each.counts_issues)
+            if min(waiting.values()) < without:
+                shorter.add("waiting")
+            if min(waiting.values()) < by_clocks:
+                shorter.add("counting issues")
+    assert shorter == {"waiting", "counting issues"}
+
+
+#: Prints all that a schedule consists of.
+PRINT_SCHEDULES = """
+import sys
+from ukf_sw.engine.microcode import Microcode
+from ukf_sw.spec.parameters import Pipeline, UkfParams
+
+code = Microcode(UkfParams(n=2, m=2, q=1, r=1, sensors=(1, 1), pes=3), Pipeline(add=3))
+for routine, (plan, registers) in code.programs.items():
+    print(routine, plan.length, plan.issue, registers)
+print(code.words, code.lane_sets)
+"""
+
+
+def test_equal_inputs_give_equal_schedules_in_every_process():
+    """Whatever the seed of Python's hashes: nothing goes by the order of a set."""
+    printed = [
+        subprocess.run(
+            [sys.executable, "-c", PRINT_SCHEDULES],
+            env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, text=True, check=True,
+        ).stdout
+        for seed in ("1", "20")
+    ]  # fmt: skip
+    assert len(printed[0]) > 1000
+    assert printed[0] == printed[1]
 
 
 @pytest.fixture
@@ -202,7 +281,9 @@ def test_layout_gives_every_element_a_place_of_its_own(seed):
     places = {}
     for region in MemoryMap(params):
         for row in range(region.rows):
-            for column in range(region.columns):
+            # Where there is no sigma point 0 it has no place.
+            has_first = region.first_column is FirstColumn.STORED
+            for column in range(0 if has_first else 1, region.columns):
                 for bank in (0, 1):
                     place = layout.buffer_location(
                         region.symbol, row, column, state_bank=bank, factor_bank=bank
@@ -215,14 +296,15 @@ def test_layout_gives_every_element_a_place_of_its_own(seed):
     assert not any(constants[place] for place in places)
 
 
-def test_a_dot_product_has_its_beats_one_adder_latency_apart():
-    plan = schedule(
-        build_program(Layout(UkfParams(n=3, m=1)), Program.PREDICT), Timing(1, Pipeline(add=4))
-    )
+@pytest.mark.parametrize("W0", [0.0, 0.5])
+def test_a_dot_product_has_its_beats_one_adder_latency_apart(W0):
+    params = UkfParams(n=3, m=1, W0=W0)
+    plan = schedule(build_program(Layout(params), Program.PREDICT), Timing(1, Pipeline(add=4)))
     dots = [
         (operation, issue)
         for operation, issue in zip(plan.operations, plan.issue, strict=True)
         if operation.kind is Kind.DOT
     ]
     assert dots
-    assert all(len(operation.beats) == 5 for operation, _ in dots)
+    # One processing element takes the points one by one.
+    assert all(len(operation.beats) == len(params.points) for operation, _ in dots)

@@ -571,7 +571,7 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("latency", "--problem", "nanosat", "--process-noise", "additive"), "not both"),
         (
             ("latency", "--problem", "nanosat", "--pes", 23),
-            "pes must be between 1 and 22, one more than the number of columns, not 23",
+            "pes must be between 1 and the number of columns, 22, not 23",
         ),
         (("latency", "--problem", "nanosat", "--pes", 0), "--pes must be at least 1, not 0"),
         (("latency", "--n", 33, "--m", 1), "n must be between 1 and 32, not 33"),

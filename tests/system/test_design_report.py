@@ -341,7 +341,7 @@ def test_sweep_and_report(ukf, tmp_path):
 def test_sweep_with_a_bad_point(ukf):
     options = ("--n", 1, "--m", 1, "--pes", "1,9", "--no-resources", "--workers", 1)
     text = ukf("sweep", *options, code=1).stdout
-    assert "pes must be between 1 and 3, one more than the number of columns, not 9" in text
+    assert "pes must be between 1 and the number of columns, 3, not 9" in text
     assert "1 failed" in text
 
 
@@ -391,7 +391,7 @@ def test_sweep_without_an_address_of_its_scheduler(ukf):
 def test_sweep_names_points_that_are_no_core_before_it_computes(ukf):
     options = ("--n", 1, "--m", 1, "--pes", "1,99", "--scheduler", "nonsense")
     message = ukf("sweep", *options, code=1).stderr
-    rule = "pes must be between 1 and 3, one more than the number of columns, not 99"
+    rule = "pes must be between 1 and the number of columns, 3, not 99"
     assert message.index(f"No core, and not computed: {rule}") < message.index("no scheduler")
 
 

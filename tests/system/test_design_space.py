@@ -497,7 +497,7 @@ def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
     assert failed["lut"] is None
     assert failed["cycles"] > 0
     assert illegal["error"].startswith(
-        f"core: pes must be between 1 and {TINY.columns + 1}, one more than the number of columns"
+        f"core: pes must be between 1 and the number of columns, {TINY.columns}"
     )
     assert illegal["cycles"] is None
     # A failure is not kept.

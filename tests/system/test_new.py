@@ -114,7 +114,7 @@ def test_names_are_checked(new, tmp_path, name, message):
         (("--m", 3, "--r", 2),
          "r must be at least m = 3, noise for every sensor, not 2"),
         (("--q", 2, "--process-noise", "additive"), "q must be 0 or n = 3 for additive noise"),
-        (("--pes", 99), "pes must be between 1 and 10, one more than the number of columns"),
+        (("--pes", 99), "pes must be between 1 and the number of columns, 10"),
     ],
 )  # fmt: skip
 def test_sizes_are_checked(new, tmp_path, options, message):

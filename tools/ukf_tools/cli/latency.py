@@ -176,13 +176,13 @@ def _print_choices(core: Core, choices: "list[Choice]") -> None:
 
     results.print("\n[bold]Numbers of PEs[/] for this problem:")
     table = Table()
-    headings = ("PEs", "beats of a DOT", "beats of a row", "cycles", "speedup per PE")
+    headings = ("PEs", "beats of a row", "cycles", "speedup per PE")
     for heading in headings:
         table.add_column(heading, justify="right")
     table.add_column("")
     for each in choices:
         table.add_row(
-            str(each.pes), str(each.dot_beats), str(each.row_beats), str(each.cycles),
+            str(each.pes), str(each.beats), str(each.cycles),
             f"{each.speedup_per_pe:.2f}", "recommended" if each.recommended else "",
             style="bold" if each.pes == core.params.pes else None,
         )  # fmt: skip

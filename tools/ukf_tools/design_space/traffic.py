@@ -35,7 +35,7 @@ def count_words(params: UkfParams, *, redraws: bool) -> dict[str, int]:
         If the filter fails.
     """
     # The widest array has the shortest programs, and so is modelled soonest.
-    quick = replace(params, pes=params.columns + 1, form=Form.SQUARE_ROOT)
+    quick = replace(params, pes=params.columns, form=Form.SQUARE_ROOT)
     problem = replace(random_scenario(quick, steps=2), redraw=redraws)
     driver = golden_driver(quick)
     counts: list[Traffic] = []

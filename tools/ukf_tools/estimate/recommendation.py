@@ -29,10 +29,8 @@ class Choice(NamedTuple):
     ----------
     pes
         The number.
-    dot_beats
-        Beats of an inner product of two rows.
-    row_beats
-        Beats of a row with its right-hand side.
+    beats
+        Beats of a row.
     cycles
         Cycles of an iteration.
     speedup_per_pe
@@ -42,8 +40,7 @@ class Choice(NamedTuple):
     """
 
     pes: int
-    dot_beats: int
-    row_beats: int
+    beats: int
     cycles: int
     speedup_per_pe: float
     recommended: bool
@@ -85,9 +82,9 @@ def candidates(params: UkfParams) -> list[int]:
     legal = range(1, params.columns + 1)
     if params.columns <= _ALL:
         return list(legal)
-    layout = Layout(params)
-    lengths = {params.columns, layout.columns}
+    lengths = {params.columns}
     if params.form is Form.COVARIANCE:
+        layout = Layout(params)
         lengths |= {layout.joint_rhs, layout.joint_rhs + 1}
     fewest: set[int] = set()
     for length in lengths:
@@ -123,10 +120,9 @@ def choices(
             tell(done, len(tried))
         cycles[pes] = _cycles(replace(params, pes=pes), pipeline, redraws=redraws)
     chosen = recommended(cycles)
-    columns = Layout(params).columns
     return [
         Choice(
-            pes, -(-params.columns // pes), -(-columns // pes), cycles[pes],
+            pes, -(-params.columns // pes), cycles[pes],
             cycles[1] / cycles[pes] / pes, pes in chosen,
         )
         for pes in tried
