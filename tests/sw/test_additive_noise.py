@@ -9,7 +9,9 @@ import pytest
 from ukf_sw.drivers.driver import Driver
 from ukf_sw.engine.layout import Layout
 from ukf_sw.errors import StepError
+from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.problem import Problem, Sensor
 from ukf_sw.reference import ReferenceUkf
 from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
@@ -237,3 +239,29 @@ def test_what_is_above_the_diagonal_of_factors_does_not_matter(name, pes, W0, fo
     if name != "augmented":
         check_memories()
     assert {sensor for sensor, _ in walks[0].sampled} == set(range(len(params.sensor_rows)))
+
+
+@pytest.mark.parametrize("pes", range(1, 8))
+def test_what_is_below_the_diagonal_of_a_covariance_does_not_overflow(pes):
+    """Nobody reads it, so it must not be computed: in binary16 it would be infinite."""
+    problem = Problem(
+        name="large",
+        f=lambda x, w, u: x,
+        sensors={
+            "one": Sensor(lambda x, v: x[:1], R=[[900.0]]),
+            "three": Sensor(
+                lambda x, v: np.array([x[0], x[1], x[0] + x[1]]), R=np.diag([900.0] * 3)
+            ),
+        },
+        Q=np.zeros((0, 0)),
+        x0=[10.0, 20.0],
+        P0=[[3600.0, 300.0], [300.0, 2500.0]],
+        observation_noise="additive",
+        form=Form.COVARIANCE,
+        format=BINARY16,
+        pes=pes,
+    )
+    ukf = UnscentedKalmanFilter(problem, "golden")
+    ukf.update([30.0], sensor="one")
+    gain = np.array([3600.0, 300.0]) / 4500.0
+    np.testing.assert_allclose(ukf.x, [10.0, 20.0] + gain * 20.0, rtol=2e-3)

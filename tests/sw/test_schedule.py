@@ -86,9 +86,12 @@ def test_most_random_programs_run_without_error():
 
 
 def every_strategy(timing):
-    """All strategies that there are for an array, the plain one among them."""
-    waits = scheduler._WAITS if timing.levels and timing.beat_interval > 1 else [(0, 0)]
-    return [scheduler._Strategy(*pair, counts) for pair in waits for counts in (False, True)]
+    """All strategies that there are for an array, the plain one first."""
+    has_phases = timing.levels and timing.beat_interval > 1
+    found = scheduler._STRATEGIES if has_phases else scheduler._WITHOUT_PHASES
+    assert found[0] == scheduler._Strategy(0, 0, counts_issues=False)
+    assert len(set(found)) == len(found) == (24 if has_phases else 2)
+    return found
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -100,6 +103,7 @@ def test_the_shortest_schedule_of_all_strategies_is_kept(seed):
     plain = scheduler._Strategy(0, 0, counts_issues=False)
     for routine in routines(params):
         operations = build_program(layout, *routine)
+        assert len(operations) * 24 < scheduler.WORK
         plan = schedule(operations, timing)
         check_schedule(plan, pes=params.pes, pipeline=pipeline)
         single = scheduler._Scheduler(operations, timing)
@@ -110,6 +114,39 @@ def test_the_shortest_schedule_of_all_strategies_is_kept(seed):
             assert single.place(strategy, lengths[strategy]) is None
             assert single.place(strategy, lengths[strategy] + 1) is not None
         assert plan.length == min(lengths.values()) <= lengths[plain], routine
+
+
+def test_of_a_long_program_fewer_strategies_are_tried(monkeypatch):
+    operations = build_program(Layout(UkfParams(n=2, m=2, q=1, pes=3)), Program.UPDATE)
+    tried = []
+
+    def place(self, strategy, limit):
+        tried.append(strategy)
+        return original(self, strategy, limit)
+
+    original = scheduler._Scheduler.place
+    monkeypatch.setattr(scheduler._Scheduler, "place", place)
+    for times, count in ((30, 24), (7, 7), (1, 2)):
+        monkeypatch.setattr(scheduler, "WORK", times * len(operations))
+        tried.clear()
+        schedule(operations, Timing(3, Pipeline()))
+        assert tried == list(scheduler._STRATEGIES[:count])
+
+
+def test_a_schedule_that_repeats_itself_more_is_kept_if_it_is_hardly_longer():
+    """A clock is worth some packets of program memory, in random cores sometimes and not always."""
+    longer = {False: 0, True: 0}
+    for seed in range(400, 412):
+        params, pipeline = random_configuration(random.Random(seed), largest=4)
+        code = microcode(params, pipeline)
+        for routine, (plan, _) in code.programs.items():
+            plans = scheduler.schedules(plan.operations, code.timing)
+            assert plan.issue in [each.issue for each in plans], routine
+            assert plans[0].length == min(each.length for each in plans)
+            assert plan.length <= plans[0].length * (1 + 1 / scheduler.MARGIN)
+            longer[plan.issue != plans[0].issue] += 1
+    assert longer[False] > 10
+    assert longer[True] > 4
 
 
 def test_waiting_for_a_phase_makes_some_schedules_shorter():

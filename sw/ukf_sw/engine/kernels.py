@@ -36,15 +36,15 @@ class Row:
         """Vector that holds a beat now."""
         return self._target if beat in self._moved else self._source
 
-    def change(self, beat: int, lanes: int, every_lane: int) -> tuple[Word, Word, int]:
+    def change(self, beat: int, lanes: int, moved: int) -> tuple[Word, Word, int]:
         """Word to write, word to read and lanes to write for a beat that is about to change.
 
-        A beat that moves takes all of its lanes along.
+        A beat that moves takes the lanes `moved` along.
         """
         source = self.word(beat)
         self._moved.add(beat)
         target = self.word(beat)
-        return target, source, lanes if target == source else every_lane
+        return target, source, lanes if target == source else moved
 
 
 def inner(
@@ -179,7 +179,8 @@ def trisolve(
             t = {i: builder.load(rows[j].vector(i // pes), i) for i in others}
         if others:
             for beat, changing in builder.lanes_by_beat(changed).items():
-                target, source, lanes = rows[j].change(beat, changing, every_lane)
+                moved = every_lane if gram_schmidt else changing
+                target, source, lanes = rows[j].change(beat, changing, moved)
                 builder.multiply_beat(
                     target, source, roots[j].word(0), lanes, innovation=beat == innovation_beat
                 )
@@ -189,7 +190,8 @@ def trisolve(
             kept = changed if gram_schmidt else [(max(a, i), b) for a, b in changed]
             for beat, changing in builder.lanes_by_beat(kept).items():
                 q = rows[j].word(beat)
-                target, source, lanes = rows[i].change(beat, changing, every_lane)
+                moved = every_lane if gram_schmidt else changing
+                target, source, lanes = rows[i].change(beat, changing, moved)
                 builder.axpy_beat(
                     target, source, L[i, j], q, lanes, subtract=True,
                     innovation=beat == innovation_beat,

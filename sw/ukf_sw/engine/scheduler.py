@@ -11,7 +11,6 @@ import heapq
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 from ukf_sw.engine.layout import BANK_NONE, Word
@@ -145,19 +144,39 @@ class _Strategy(NamedTuple):
     lanes: int
     counts_issues: bool
 
+    @property
+    def rhythm(self) -> tuple[int, bool]:
+        """What decides how regular a schedule is."""
+        return self.lanes, self.counts_issues
+
 
 _FOR_EVER = 1 << 30
 
+#: What is tried, the most promising first; but the very first lets nothing wait.
+_STRATEGIES = (
+    _Strategy(0, 0, counts_issues=False),
+    *(
+        _Strategy(dots, lanes, counts_issues=counts_issues)
+        for dots in (8, _FOR_EVER, 2)
+        for lanes, counts_issues in ((0, True), (1, True), (8, False), (0, False), (1, False),
+                                     (8, True))
+    ),
+    _Strategy(0, 0, counts_issues=True),
+    *(
+        _Strategy(0, lanes, counts_issues=counts_issues)
+        for lanes in (1, 8)
+        for counts_issues in (True, False)
+    ),
+)  # fmt: skip
+#: Where lanes and dot products never meet, nobody waits.
+_WITHOUT_PHASES = tuple(_Strategy(0, 0, counts_issues=each) for each in (False, True))
+#: Operations that are placed at most: of a long program not all strategies are tried.
+WORK = 20_000
+#: Operations of a program of which all schedules are kept.
+SHORT = 300
+
 #: How much longer than the shortest a schedule may be that has other merits: one part in so many.
 MARGIN = 128
-
-#: Operations of a long program, and of a very long one: of these fewer schedules are tried.
-LONG, VERY_LONG = 300, 1500
-
-#: Waits for the phase that are tried, of dot products and of the lanes.
-_DOTS = (8, 0, _FOR_EVER, 2)
-_DOTS_OF_VERY_LONG = _DOTS[:2]
-_LANES = (0, 1, 8)
 
 
 class _Reservations:
@@ -248,28 +267,26 @@ def schedules(operations: Sequence[Operation], timing: Timing) -> list[Schedule]
     -------
     list of Schedule
         Those that are not much longer than the shortest: see :data:`MARGIN`. The shortest comes
-        first. Of a long program, of which each costs some time, only the shortest of each wait of
-        the lanes and each urgency, which decide how regular a schedule is.
+        first. Unless the program is short, only the shortest of each rhythm.
     """
     scheduler = _Scheduler(operations, timing)
     has_phases = timing.levels > 0 and timing.beat_interval > 1
-    waits = _DOTS if len(operations) < VERY_LONG else _DOTS_OF_VERY_LONG
+    strategies = _STRATEGIES if has_phases else _WITHOUT_PHASES
     found: dict[_Strategy, Schedule] = {}
     most: int | None = None  # clocks that a schedule may take
-    for lanes, counts_issues in product(_LANES if has_phases else (0,), (True, False)):
-        kept: int | None = None
-        for dots in waits if has_phases else (0,):
-            strategy = _Strategy(dots, lanes, counts_issues)
-            limits = [limit for limit in (kept, most) if limit is not None]
-            issue = scheduler.place(strategy, min(limits, default=None))
-            if issue is None:
-                continue
+    for strategy in strategies[: max(WORK // max(len(operations), 1), 2)]:
+        rivals = [
+            each for each in found if each.rhythm == strategy.rhythm and len(operations) > SHORT
+        ]
+        limits = [found[rival].length for rival in rivals]
+        if most is not None:
+            limits.append(most)
+        issue = scheduler.place(strategy, min(limits, default=None))
+        if issue is not None:
             length = scheduler.length(issue)
-            if kept is not None:
-                found = {key: plan for key, plan in found.items() if key[1:] != strategy[1:]}
+            for rival in rivals:
+                del found[rival]
             found[strategy] = Schedule(operations, issue, timing, length)
-            if len(operations) >= LONG:
-                kept = length
             longest = length + length // MARGIN + 1
             most = longest if most is None else min(most, longest)
     plans = sorted(found.values(), key=lambda plan: plan.length)
