@@ -55,18 +55,19 @@ backend.update(points[: p.m], np.zeros(p.m), np.ones(p.m, dtype=bool))
 
 
 class _Points:
-    """Sigma points of the spherical simplex, as filterpy wants them."""
+    """Sigma points of the spherical simplex that have a weight, as filterpy wants them."""
 
     def __init__(self, n: int, M: int, W0: float) -> None:
-        self._sigma = sigma_coefficients(M, W0)[:n]
-        self.Wm = self.Wc = weights(M, W0)
+        W = weights(M, W0)
+        self.Wm = self.Wc = W[W > 0.0]
+        self._sigma = sigma_coefficients(M, W0)[:n, W > 0.0]
 
     def num_sigmas(self) -> int:
         """Give their number."""
         return len(self.Wm)
 
     def sigma_points(self, x: np.ndarray, P: np.ndarray) -> np.ndarray:
-        """Draw them, shape (N, n)."""
+        """Draw them, shape (K, n)."""
         return (x[:, None] + np.linalg.cholesky(P) @ self._sigma).T
 
 
