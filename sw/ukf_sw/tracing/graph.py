@@ -1,7 +1,7 @@
 """A traced model: a straight line of operations from its inputs to its results."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -197,7 +197,9 @@ class Graph:
         """Operations that are more than additions, multiplications and choices."""
         return tuple(operation for operation in self.counts() if operation in FUNCTIONS)
 
-    def evaluate(self, given: Mapping[str, Any]) -> Array:
+    def evaluate(
+        self, given: Mapping[str, Any], disturb: Callable[[Array], Array] | None = None
+    ) -> Array:
         """Compute the result with NumPy, in float64.
 
         Temporary values may be infinite or NaN, as those of a branch that is not chosen.
@@ -207,6 +209,9 @@ class Graph:
         given
             Values of the arguments by name. x and the noise are of shape (n,) for one sigma point,
             (n, K) for K of them.
+        disturb
+            What becomes of each argument of an operation, conditions and comparisons apart: to
+            find out what rounding does. None leaves them as they are.
 
         Returns
         -------
@@ -230,6 +235,8 @@ class Graph:
                     values.append(np.asarray(node.value))
                 else:
                     arguments = [values[argument] for argument in node.arguments]
+                    if disturb is not None and not node.is_condition:
+                        arguments = [a if a.dtype == np.bool_ else disturb(a) for a in arguments]
                     values.append(node.operation.function(*arguments))
         result = np.empty((len(self.outputs), *shape))
         for row, output in enumerate(self.outputs):

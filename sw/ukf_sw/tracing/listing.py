@@ -82,6 +82,6 @@ def _written(operation: Operation, arguments: list[tuple[str, int]]) -> tuple[st
 
     if operation.arity == 1:
         return operation.symbol + bound(arguments[0], binding), binding
-    # Comparisons do not chain, and the right side of all others is grouped if it binds as tightly.
-    left = bound(arguments[0], binding + (operation in COMPARISONS))
+    # What binds as tightly on the right is grouped; of comparisons and powers also on the left.
+    left = bound(arguments[0], binding + (operation in COMPARISONS | {Operation.POWER}))
     return f"{left} {operation.symbol} {bound(arguments[1], binding + 1)}", binding
