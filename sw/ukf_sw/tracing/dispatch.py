@@ -11,7 +11,7 @@ from ukf_sw.tracing.choosing import CHOOSING
 from ukf_sw.tracing.context import Trace
 from ukf_sw.tracing.elementwise import UFUNCS, Function
 from ukf_sw.tracing.making import MAKING
-from ukf_sw.tracing.products import PRODUCTS
+from ukf_sw.tracing.products import PRODUCTS, dot
 from ukf_sw.tracing.reductions import REDUCTIONS, accumulate, reduce
 from ukf_sw.tracing.remedies import STORED
 from ukf_sw.tracing.shaping import METHODS as SHAPE_METHODS
@@ -76,7 +76,7 @@ def call_ufunc(
         raise trace.error(*STORED)
     left = {key: value for key, value in options.items() if key != "out"}
     if ufunc is np.matmul and method == "__call__":
-        result = FUNCTIONS[np.dot](trace, *inputs, matmul=True)
+        result = dot(trace, *inputs, matmul=True)
     elif ufunc not in UFUNCS:
         raise _refused(trace, f"np.{ufunc.__name__}")
     elif method == "__call__":
@@ -175,7 +175,7 @@ def attribute(value: Any, name: str) -> Any:
     """
     if name.startswith("__") or not (hasattr(np.ndarray, name) or name in _BY_NAME):
         raise AttributeError(f"{type(value).__name__!r} object has no attribute {name!r}")
-    trace = value.trace
+    trace = value.origin
     values = lift(trace, value)
     if name in PROPERTIES:
         return PROPERTIES[name](trace, values)

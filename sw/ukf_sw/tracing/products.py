@@ -15,7 +15,7 @@ from ukf_sw.tracing.context import Trace
 from ukf_sw.tracing.shaping import table
 from ukf_sw.tracing.values import Values, lift, wrap
 
-__all__ = ["PRODUCTS"]
+__all__ = ["PRODUCTS", "dot"]
 
 
 def _contract(trace: Trace, inputs: list[str], output: str, operands: list[Values]) -> Any:
@@ -57,7 +57,8 @@ def _einsum(trace: Trace, subscripts: Any, *operands: Any, optimize: Any = False
     return _contract(trace, inputs, output, [lift(trace, operand) for operand in operands])
 
 
-def _dot(trace: Trace, a: Any, b: Any, *, matmul: bool = False) -> Any:
+def dot(trace: Trace, a: Any, b: Any, *, matmul: bool = False) -> Any:
+    """Multiply vectors, matrices, or with `matmul` stacks of matrices."""
     first, second = lift(trace, a), lift(trace, b)
     if not first.ndim or not second.ndim:
         return wrap(trace, first) * wrap(trace, second)
@@ -74,7 +75,7 @@ def _dot(trace: Trace, a: Any, b: Any, *, matmul: bool = False) -> Any:
 def _stacked(trace: Trace, first: Values, second: Values) -> Any:
     """Multiply stacks of matrices."""
     if min(first.ndim, second.ndim) < 2:
-        return _dot(trace, wrap(trace, first), wrap(trace, second))
+        return dot(trace, wrap(trace, first), wrap(trace, second))
     shape = np.broadcast_shapes(first.shape[:-2], second.shape[:-2])
     a = np.broadcast_to(first, shape + first.shape[-2:])
     b = np.broadcast_to(second, shape + second.shape[-2:])
@@ -83,11 +84,11 @@ def _stacked(trace: Trace, first: Values, second: Values) -> Any:
 
 
 def _vdot(trace: Trace, a: Any, b: Any) -> Any:
-    return _dot(trace, lift(trace, a).reshape(-1), lift(trace, b).reshape(-1))
+    return dot(trace, lift(trace, a).reshape(-1), lift(trace, b).reshape(-1))
 
 
 def _inner(trace: Trace, a: Any, b: Any) -> Any:
-    return _dot(trace, a, wrap(trace, np.moveaxis(lift(trace, b), -1, max(np.ndim(b) - 2, 0))))
+    return dot(trace, a, wrap(trace, np.moveaxis(lift(trace, b), -1, max(np.ndim(b) - 2, 0))))
 
 
 def _outer(trace: Trace, a: Any, b: Any) -> Any:
@@ -143,7 +144,7 @@ def _norm(trace: Trace, x: Any, ord: Any = None, axis: Any = None, keepdims: boo
 PRODUCTS: dict[Any, Callable[..., Any]] = {
     **table(
         {
-            "dot": _dot,
+            "dot": dot,
             "vdot": _vdot,
             "inner": _inner,
             "outer": _outer,

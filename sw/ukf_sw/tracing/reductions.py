@@ -51,7 +51,8 @@ def accumulate(trace: Trace, ufunc: Any, a: Any, axis: int | None = None) -> Any
     values = values.reshape(-1) if axis is None else values
     found = np.moveaxis(values.copy(), axis or 0, 0)
     for k in range(1, len(found)):
-        found[k] = lift(trace, ufunc(wrap(trace, found[k - 1]), wrap(trace, found[k])))
+        total = lift(trace, ufunc(wrap(trace, found[k - 1]), wrap(trace, found[k])))
+        found[k] = total if total.ndim else total[()]
     return wrap(trace, np.moveaxis(found, 0, axis or 0))
 
 

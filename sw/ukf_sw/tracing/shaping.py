@@ -20,12 +20,14 @@ __all__ = ["METHODS", "PROPERTIES", "SHAPING", "table"]
 
 #: Functions that do with arrays of objects what they do with numbers.
 _NAMES = (
-    "concatenate", "stack", "vstack", "hstack", "dstack", "column_stack", "block", "reshape",
-    "transpose", "moveaxis", "swapaxes", "rollaxis", "squeeze", "expand_dims", "atleast_1d",
-    "atleast_2d", "atleast_3d", "broadcast_to", "broadcast_arrays", "append", "insert", "delete",
-    "repeat", "tile", "roll", "rot90", "flip", "fliplr", "flipud", "ravel", "diag", "diagonal",
-    "diagflat", "tril", "triu", "split", "array_split", "hsplit", "vsplit", "take", "resize",
+    "reshape", "transpose", "moveaxis", "swapaxes", "rollaxis", "squeeze", "expand_dims",
+    "atleast_1d", "atleast_2d", "atleast_3d", "broadcast_to", "broadcast_arrays", "append",
+    "insert", "delete", "repeat", "tile", "roll", "rot90", "flip", "fliplr", "flipud", "ravel",
+    "diag", "diagonal", "diagflat", "tril", "triu", "split", "array_split", "hsplit", "vsplit",
+    "take", "resize",
 )  # fmt: skip
+#: Functions that join arrays.
+_JOINING = ("concatenate", "stack", "vstack", "hstack", "dstack", "column_stack", "block")
 
 
 def table(functions: dict[str, Callable[..., Any]]) -> dict[Any, Callable[..., Any]]:
@@ -56,6 +58,21 @@ def _moving(function: Callable[..., Any]) -> Callable[..., Any]:
         return _wrapped(trace, function(*plain, **named))
 
     return moved
+
+
+def _joining(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a function that takes a sequence of arrays, or an array of which it takes the rows."""
+
+    def parts(trace: Trace, value: Any) -> Any:
+        if isinstance(value, (list, tuple)):
+            return [parts(trace, part) for part in cast("list[Any]", value)]
+        return lift(trace, value)
+
+    def joined(trace: Trace, arrays: Any, *arguments: Any, **options: Any) -> Any:
+        rows = arrays if isinstance(arrays, (list, tuple)) else list(arrays)
+        return wrap(trace, function(parts(trace, rows), *arguments, **options))
+
+    return joined
 
 
 def _astype(trace: Trace, values: Values, dtype: Any, **_: Any) -> Any:
@@ -128,6 +145,7 @@ def _float64(trace: Trace, *_: Any) -> Any:
 #: Functions that move numbers about, and those that only look at the shape.
 SHAPING: dict[Any, Callable[..., Any]] = {
     **table({name: _moving(getattr(np, name)) for name in _NAMES if hasattr(np, name)}),
+    **table({name: _joining(getattr(np, name)) for name in _JOINING}),
     **table(
         {
             "copy": _copy,

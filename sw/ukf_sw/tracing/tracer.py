@@ -20,7 +20,7 @@ from ukf_sw.tracing import dispatch
 from ukf_sw.tracing.context import Trace
 from ukf_sw.tracing.graph import Graph, Input
 from ukf_sw.tracing.symbols import constants, noise_zeros, points, symbols
-from ukf_sw.tracing.values import TracedArray, Values, lift
+from ukf_sw.tracing.values import NO_NUMBER, TracedArray, Values, lift
 
 __all__ = ["Call", "trace"]
 
@@ -149,8 +149,12 @@ def _checked(call: Call, traced: Trace, result: Any) -> Values:
     where = "one column a sigma point" if call.vectorized else "at a sigma point"
     try:
         values = lift(traced, result)
-    except TraceError as error:
-        if "earlier" in error.rule or "parts of the shapes" in error.rule:
+    except ValueError as error:
+        if not isinstance(error, TraceError):
+            raise TypeError(
+                f"{call.name} must return an array of numbers, {where}: {error}"
+            ) from error
+        if not error.rule.startswith(NO_NUMBER):
             raise
         raise TypeError(f"{call.name} must return real numbers, {where}, not {result!r}") from error
     if values.shape != call.shape:

@@ -38,42 +38,42 @@ Values = NDArray[Any]
 class _Traced(np.lib.mixins.NDArrayOperatorsMixin):
     """What numbers and arrays have in common."""
 
-    trace: Trace
+    origin: Trace
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         from ukf_sw.tracing import dispatch  # which makes values
 
-        return dispatch.call_ufunc(self.trace, ufunc, method, inputs, options)
+        return dispatch.call_ufunc(self.origin, ufunc, method, inputs, options)
 
     def __array_function__(
         self, function: Callable[..., Any], types: Any, arguments: Any, options: Any
     ) -> Any:
         from ukf_sw.tracing import dispatch
 
-        return dispatch.call_function(self.trace, function, arguments, options)
+        return dispatch.call_function(self.origin, function, arguments, options)
 
     def __getattr__(self, name: str) -> Any:
         from ukf_sw.tracing import dispatch
 
         return dispatch.attribute(self, name)
 
-    def _only(self) -> "TracedNumber":
-        """The number, if it is one."""
+    def _known(self) -> Any:
+        """Give the value, or an array of values, if that is known."""
         raise NotImplementedError
 
     def __bool__(self) -> bool:
-        number = self._only()
-        if number.known is None:
-            place = self.trace.place
-            raise self.trace.error(*of_truth(place), place)
-        return bool(number.known)
+        known = self._known()
+        if known is None:
+            place = self.origin.place
+            raise self.origin.error(*of_truth(place), place)
+        return bool(known)
 
     def _plain(self, kind: str) -> float:
-        number = self._only()
-        if number.known is None:
-            place = self.trace.place
-            raise self.trace.error(*of_number(place, kind), place)
-        return float(number.known)
+        known = self._known()
+        if known is None:
+            place = self.origin.place
+            raise self.origin.error(*of_number(place, kind), place)
+        return float(known)
 
     def __float__(self) -> float:
         return self._plain("float")
@@ -88,13 +88,13 @@ class _Traced(np.lib.mixins.NDArrayOperatorsMixin):
         raise TypeError(f"an index must be an int, not {self._plain('int')!r}")
 
     def __str__(self) -> str:
-        raise self.trace.error(*TEXT)
+        raise self.origin.error(*TEXT)
 
     def __format__(self, specification: str) -> str:
-        raise self.trace.error(*TEXT)
+        raise self.origin.error(*TEXT)
 
     def __hash__(self) -> int:
-        raise self.trace.error(
+        raise self.origin.error(
             "look up data in a dict, a set or a cache", "compute it, or use np.where"
         )
 
@@ -117,28 +117,28 @@ class TracedNumber(_Traced):
 
     Parameters
     ----------
-    trace
+    origin
         The trace that it belongs to.
     number
         Its node.
     """
 
-    def __init__(self, trace: Trace, number: int) -> None:
-        self.trace = trace
+    def __init__(self, origin: Trace, number: int) -> None:
+        self.origin = origin
         self.number = number
 
     @property
     def node(self) -> Node:
         """Its node."""
-        return self.trace.builder.node(self.number)
+        return self.origin.builder.node(self.number)
 
     @property
     def known(self) -> float | bool | None:
         """Its value, if it is a constant."""
         return self.node.value
 
-    def _only(self) -> "TracedNumber":
-        return self
+    def _known(self) -> Any:
+        return self.known
 
     def __repr__(self) -> str:
         node = self.node
@@ -159,21 +159,18 @@ class TracedArray(_Traced):
 
     Parameters
     ----------
-    trace
+    origin
         The trace that it belongs to.
     values
         Traced numbers, as an array of objects.
     """
 
-    def __init__(self, trace: Trace, values: Values) -> None:
-        self.trace = trace
+    def __init__(self, origin: Trace, values: Values) -> None:
+        self.origin = origin
         self.values = values
 
-    def _only(self) -> TracedNumber:
-        if self.values.size != 1:
-            place = self.trace.place
-            raise self.trace.error(*of_truth(place), place)
-        return self.values.item()
+    def _known(self) -> Any:
+        return None if records(self) else np.asarray(self)
 
     def __repr__(self) -> str:
         return f"<traced array of shape {self.shape}>"
@@ -208,26 +205,26 @@ class TracedArray(_Traced):
             return tuple(map(self._plain_key, cast("tuple[Any, ...]", key)))
         if not records(key):
             return np.asarray(key) if isinstance(key, TracedArray) else key
-        if _is_mask(lift(self.trace, key)):
-            raise self.trace.error(*MASK)
-        place = self.trace.place
-        raise self.trace.error(*of_number(place, "int"), place)
+        if _is_mask(lift(self.origin, key)):
+            raise self.origin.error(*MASK)
+        place = self.origin.place
+        raise self.origin.error(*of_number(place, "int"), place)
 
     def __getitem__(self, key: Any) -> Any:
         found = self.values[self._plain_key(key)]
-        return found if isinstance(found, TracedNumber) else TracedArray(self.trace, found)
+        return found if isinstance(found, TracedNumber) else TracedArray(self.origin, found)
 
     def __setitem__(self, key: Any, value: Any) -> None:
         *before, last = cast("tuple[Any, ...]", key if isinstance(key, tuple) else (key,))
-        new = lift(self.trace, value)
+        new = lift(self.origin, value)
         if records(last):
-            mask = lift(self.trace, last)
+            mask = lift(self.origin, last)
             target = self.values[self._plain_key(tuple(before))]
             if _is_mask(mask) and target.shape[target.ndim - mask.ndim :] == mask.shape:
                 if new.ndim:
-                    raise self.trace.error(*MASK)
+                    raise self.origin.error(*MASK)
                 target[...] = lift(
-                    self.trace, np.where(TracedArray(self.trace, mask), new[()], target)
+                    self.origin, np.where(TracedArray(self.origin, mask), new[()], target)
                 )
                 return
         plain = self._plain_key(key)
@@ -265,13 +262,13 @@ def records(value: Any) -> bool:
 
 def trace_of(value: Any) -> Trace | None:
     """Give the trace of what is in a value, if something is."""
-    return next((part.trace for part in _parts(value) if isinstance(part, _Traced)), None)
+    return next((part.origin for part in _parts(value) if isinstance(part, _Traced)), None)
 
 
 def _number(trace: Trace, value: Any) -> TracedNumber:
     """Make a number record."""
     if isinstance(value, TracedNumber):
-        if value.trace is not trace:
+        if value.origin is not trace:
             raise trace.error("keep data from one call to the next", "let it be part of the state")
         return value
     plain: Any = value
@@ -292,7 +289,7 @@ def lift(trace: Trace, value: Any) -> Values:
         If there is something else in it, or a number of another trace.
     """
     if isinstance(value, TracedArray):
-        if value.trace is not trace:
+        if value.origin is not trace:
             raise trace.error("keep data from one call to the next", "let it be part of the state")
         return value.values
     if isinstance(value, (list, tuple)) and trace_of(value) is not None:
@@ -304,6 +301,10 @@ def lift(trace: Trace, value: Any) -> Values:
     found = np.empty((), dtype=object)
     if isinstance(value, (list, tuple, np.ndarray)):
         given: Values = np.asarray(cast("Any", value))
+        if given.dtype == object and all(
+            isinstance(number, TracedNumber) and number.origin is trace for number in given.flat
+        ):
+            return given  # which may be a view
         found = np.empty(given.shape, dtype=object)
         for index in np.ndindex(*given.shape):
             found[index] = _number(trace, given[index])
