@@ -35,14 +35,17 @@ class Place:
     expression
         What stands there; nothing if the source cannot be read.
     syntax
-        What the expression is and what it stands in, from the inside; before Python 3.11, which
-        does not tell the column, all that the statement consists of.
+        What the expression is and what it stands in, from the inside; all that is on the line if
+        it is not exact.
+    exact
+        Whether the column is known: Python tells it from 3.11 on.
     """
 
     file: str
     line: int
     expression: str
-    syntax: tuple[ast.AST, ...]
+    syntax: tuple[ast.AST, ...] = ()
+    exact: bool = False
 
 
 def _package(frame: FrameType) -> str:
@@ -113,13 +116,13 @@ def _place(frame: FrameType) -> Place:
     lines = linecache.getlines(file, frame.f_globals)
     tree = _tree("".join(lines)) if lines else None
     if tree is None:
-        return Place(file, line, "".join(lines[line - 1 : line]).strip(), ())
+        return Place(file, line, "".join(lines[line - 1 : line]).strip())
     span = _span(frame)
     if span is None:
         return Place(file, line, _shown(lines[line - 1]), tuple(_on_line(tree, line)))
     syntax = _standing(_enclosing(tree, span))
     text = ast.get_source_segment("".join(lines), syntax[0]) if syntax else None
-    return Place(file, line, _shown(text or lines[line - 1]), tuple(syntax))
+    return Place(file, line, _shown(text or lines[line - 1]), tuple(syntax), exact=True)
 
 
 def _shown(text: str) -> str:
@@ -154,7 +157,7 @@ def _standing(path: list[ast.AST]) -> list[ast.AST]:
         if isinstance(node, ast.FunctionDef | ast.Lambda | ast.ClassDef):
             break
         decides = inner in node.ifs if isinstance(node, ast.comprehension) else True
-        if decides and getattr(node, "test", inner) is inner:
+        if inner is None or (decides and getattr(node, "test", inner) is inner):
             found.append(node)
         inner = node
     return found

@@ -61,12 +61,34 @@ def of_truth(place: Place | None) -> tuple[str, str]:
             return "assert something about data", "leave it out: results are checked"
         if isinstance(node, ast.If | ast.IfExp | ast.comprehension):
             return "branch on data", WHERE
-    if syntax and (_called(syntax[0]) or isinstance(syntax[0], ast.Compare)):
+    asking = syntax[:1] if place is not None and place.exact else syntax
+    if any(isinstance(node, ast.Call | ast.Compare) for node in asking):
         return (
             "compare data in a list, or in an array that NumPy made of one",
             "make it an array in the model, by np.array or np.stack",
         )
     return "branch on data", WHERE
+
+
+def _of_call(node: ast.AST) -> tuple[str, str] | None:
+    """Say what a call makes of data that Python or a module computes with, if it is one."""
+    name = _called(node)
+    module, _, function = name.rpartition(".")
+    if module in ("math", "cmath"):
+        return f"compute data by {name}", f"use np.{_MATH.get(function, function)}"
+    if name in _KINDS:
+        return f"make a Python number of data by {name}()", _KINDS[name]
+    if "random" in name.split("."):
+        return "draw random numbers", "let the noise enter by w or v"
+    return None
+
+
+def _is_text(node: ast.AST) -> bool:
+    """Whether something is text with numbers in it."""
+    filled = isinstance(node, ast.BinOp) and isinstance(node.left, ast.Constant)
+    return isinstance(node, ast.JoinedStr | ast.FormattedValue) or (
+        filled and isinstance(node.left.value, str)
+    )
 
 
 def of_number(place: Place | None, kind: str) -> tuple[str, str]:
@@ -79,29 +101,26 @@ def of_number(place: Place | None, kind: str) -> tuple[str, str]:
     kind
         float, int or complex.
     """
-    for node in place.syntax if place is not None else ():
-        name = _called(node)
-        module, _, function = name.rpartition(".")
-        if module in ("math", "cmath"):
-            return f"compute data by {name}", f"use np.{_MATH.get(function, function)}"
-        if name in _KINDS:
-            return f"make a Python number of data by {name}()", _KINDS[name]
-        if "random" in name.split("."):
-            return "draw random numbers", "let the noise enter by w or v"
-        if isinstance(node, ast.JoinedStr | ast.FormattedValue) or (
-            isinstance(node, ast.BinOp)
-            and isinstance(node.left, ast.Constant)
-            and isinstance(node.left.value, str)
-        ):
+    syntax = () if place is None else place.syntax
+    if place is not None and not place.exact:
+        calls = (_of_call(node) for node in syntax)
+        found = next((call for call in calls if call is not None), None)
+        if found is not None:
+            return found
+    for node in syntax:
+        call = _of_call(node)
+        if call is not None:
+            return call
+        if _is_text(node):
             return TEXT
-        if isinstance(node, ast.AugAssign) or (
-            isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) and kind != "int"
-        ):
+        if isinstance(node, ast.AugAssign):
             return STORED
-        if kind == "int" and isinstance(node, ast.Subscript):
-            return "index by data", "use np.where, or np.interp for a table"
-        if name == "range":
-            return "loop as often as data say", "use a fixed number of rounds, and np.where"
+        if isinstance(node, ast.Subscript):
+            if kind == "int":
+                return "index by data", "use np.where, or np.interp for a table"
+            if isinstance(node.ctx, ast.Store):
+                return STORED
+        name = _called(node)
         if name and not name.startswith("np."):
             return (
                 f"give data to {name}, which computes outside of NumPy",
