@@ -31,6 +31,7 @@ COMMANDS = {
     "export": (["--problem", "nanosat", "--steps", "2"], []),
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
+    "models show": (NANOSAT, []),
     "new": (["strut"], []),
     "package": ([*SMALL, "--board", "pynq-z2", "--no-check"], ["hdl"]),
     "report": (["--sweep", __file__], ["sweep"]),
@@ -48,8 +49,8 @@ COMMANDS = {
 }
 #: Those that take a second.
 QUICK = (
-    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "new", "package",
-    "run ", "testbench",
+    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "models show", "new",
+    "package", "run ", "testbench",
 )  # fmt: skip
 
 #: Runs the command line where the modules of its first argument cannot be imported.

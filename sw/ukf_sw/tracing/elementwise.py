@@ -129,7 +129,8 @@ def _heaviside(_: Trace, x: Any, middle: Any) -> Any:
 
 
 def _truncated(a: Any) -> Any:
-    return np.where(a < 0.0, np.ceil(a), np.floor(a))
+    towards_zero: Any = np.where(a < 0.0, np.ceil(a), np.floor(a))
+    return towards_zero
 
 
 def _is_infinite(a: Any) -> Any:

@@ -72,6 +72,10 @@ def dot(trace: Trace, a: Any, b: Any, *, matmul: bool = False) -> Any:
     return _contract(trace, [left, "".join(right)], output, [first, second])
 
 
+def _matmul(trace: Trace, a: Any, b: Any) -> Any:
+    return dot(trace, a, b, matmul=True)
+
+
 def _stacked(trace: Trace, first: Values, second: Values) -> Any:
     """Multiply stacks of matrices."""
     if min(first.ndim, second.ndim) < 2:
@@ -155,4 +159,10 @@ PRODUCTS: dict[Any, Callable[..., Any]] = {
         }
     ),
     np.linalg.norm: _norm,
+    # From NumPy 2 on.
+    **{
+        getattr(np.linalg, name): made
+        for name, made in (("cross", _cross), ("outer", _outer), ("matmul", _matmul))
+        if hasattr(np.linalg, name)
+    },
 }

@@ -85,10 +85,9 @@ def _of_call(node: ast.AST) -> tuple[str, str] | None:
 
 def _is_text(node: ast.AST) -> bool:
     """Whether something is text with numbers in it."""
-    filled = isinstance(node, ast.BinOp) and isinstance(node.left, ast.Constant)
-    return isinstance(node, ast.JoinedStr | ast.FormattedValue) or (
-        filled and isinstance(node.left.value, str)
-    )
+    if isinstance(node, ast.BinOp) and isinstance(node.left, ast.Constant):
+        return isinstance(node.left.value, str)
+    return isinstance(node, ast.JoinedStr | ast.FormattedValue)
 
 
 def of_number(place: Place | None, kind: str) -> tuple[str, str]:

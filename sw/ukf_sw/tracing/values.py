@@ -99,8 +99,9 @@ class _Traced(np.lib.mixins.NDArrayOperatorsMixin):
         )
 
     def __round__(self, digits: int | None = None) -> Any:
-        rounded: Any = np.round(cast("Any", self), digits or 0)
-        return rounded
+        from ukf_sw.tracing import dispatch
+
+        return dispatch.call_function(self.origin, np.round, (self, digits or 0), {})
 
     def __floor__(self) -> Any:
         return np.floor(cast("Any", self))

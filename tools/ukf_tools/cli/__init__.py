@@ -13,6 +13,7 @@ from ukf_tools.cli.cosim import cosim
 from ukf_tools.cli.disassemble import disassemble
 from ukf_tools.cli.estimates import latency, resources, timing
 from ukf_tools.cli.generate import generate
+from ukf_tools.cli.models import models_app
 from ukf_tools.cli.new import new
 from ukf_tools.cli.package import package, write_testbench
 from ukf_tools.cli.run import run
@@ -69,3 +70,4 @@ for command in (
     app.command()(command)
 app.command("testbench")(write_testbench)
 app.add_typer(apps_app)
+app.add_typer(models_app)
