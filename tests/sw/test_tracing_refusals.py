@@ -271,6 +271,15 @@ MISTAKES = {
         "give data to Rotation.from_rotvec, which computes outside of NumPy",
         "write it with functions of NumPy", "Rotation.from_rotvec(x)",
     ),
+    "buffer": (
+        lambda x, w, u: x * len(memoryview(x)),
+        "give data to what takes none (memoryview: a bytes-like object is required, not data)",
+        "write it with functions of NumPy, or with plain numbers", "memoryview(x)",
+    ),
+    "subscript": (
+        lambda x, w, u: x * x[0][0], "give data to what takes none (data object is not",
+        "write it with functions of NumPy", "x[0][0]",
+    ),
     "scipy.special": (lambda x, w, u: special.erf(x), "call np.erf", "write it", "special.erf(x)"),
     "complex": (
         lambda x, w, u: x * 1j, "compute with what is no real number, of type complex",
@@ -351,7 +360,7 @@ def test_mistakes_are_refused_with_their_place_and_a_remedy(name):
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_python_310_names_the_line(monkeypatch, name):
     """It does not tell the column: what is shown is the line, and the rule may be vaguer."""
-    monkeypatch.setattr(places, "_span", lambda frame: None)
+    monkeypatch.setattr(places, "_span", lambda spot: None)
     model, rule, _, expression = MISTAKES[name]
     with pytest.raises(TraceError) as caught:
         graph_of(model, 3)

@@ -31,7 +31,7 @@ COMMANDS = {
     "export": (["--problem", "nanosat", "--steps", "2"], []),
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
-    "models show": (NANOSAT, []),
+    "models show": (["--problem", "pendulum"], []),
     "new": (["strut"], []),
     "package": ([*SMALL, "--board", "pynq-z2", "--no-check"], ["hdl"]),
     "report": (["--sweep", __file__], ["sweep"]),

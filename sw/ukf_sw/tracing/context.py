@@ -1,5 +1,6 @@
 """A trace that is under way: its nodes, and what it refuses."""
 
+import re
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,9 @@ from ukf_sw.tracing.places import Place, place_below
 
 __all__ = ["Trace"]
 
+#: Names of the classes that record, in messages of others.
+_CLASSES = re.compile("'(?:[a-z_]+\\.)*Traced(?:Array|Number)'|Traced(?:Array|Number)")
+PLAIN = "write it with functions of NumPy, or with plain numbers"
 #: One trace at a time: it replaces functions of NumPy for as long as it runs.
 _ONE = threading.RLock()
 
@@ -32,7 +36,15 @@ class Trace:
         """Call the model."""
         module = str(getattr(getattr(function, "func", function), "__module__", ""))
         with _ONE, tracing_makers(self, module.partition(".")[0]):
-            return function(*arguments, **keywords)
+            try:
+                return function(*arguments, **keywords)
+            except TypeError as error:
+                # What is written in C says that it got something of a class that it does not know.
+                text = _CLASSES.sub("data", str(error))
+                if text == str(error):
+                    raise
+                place = place_below(Trace.call.__code__, error)
+                raise self.error(f"give data to what takes none ({text})", PLAIN, place) from error
 
     @property
     def place(self) -> Place | None:

@@ -7,6 +7,7 @@ import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import takewhile
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -17,7 +18,8 @@ __all__ = ["HERE", "Place", "calling_module", "is_foreign", "place_below"]
 
 #: Folder of what traces.
 HERE = str(Path(__file__).parent)
-_NUMPY = str(Path(np.__file__).parent)
+#: Files of NumPy; before version 1.25 it also has frames of no file.
+_NUMPY = str(Path(np.__file__).parent), "<__array_function__"
 _STANDARD = sysconfig.get_path("stdlib")
 _INSTALLED = {"site-packages", "dist-packages"}
 #: Characters of source that a message shows at most.
@@ -55,7 +57,9 @@ def _package(frame: FrameType) -> str:
 
 def is_foreign(file: str) -> bool:
     """Whether a file belongs to Python or to what is installed."""
-    return bool(_INSTALLED & set(Path(file).parts)) or file.startswith((_STANDARD, "<frozen"))
+    return bool(_INSTALLED & set(Path(file).parts)) or file.startswith(
+        (_STANDARD, "<frozen", *_NUMPY)
+    )
 
 
 def calling_module(levels: int) -> tuple[str, str]:
@@ -66,30 +70,58 @@ def calling_module(levels: int) -> tuple[str, str]:
     return ("", "") if frame is None else (frame.f_code.co_filename, _package(frame))
 
 
-def _frames(entry: CodeType) -> Iterator[FrameType]:
-    """Frames of the user below that of `entry`, from the inside."""
+@dataclass(frozen=True)
+class _Spot:
+    """A frame, with the line and the instruction where it is, or was."""
+
+    frame: FrameType
+    line: int
+    instruction: int
+
+    @property
+    def file(self) -> str:
+        """File of its source."""
+        return self.frame.f_code.co_filename
+
+
+def _under_way() -> Iterator[_Spot]:
+    """Frames that are under way, from the inside."""
     frame = inspect.currentframe()
-    while frame is not None and frame.f_code is not entry:
-        if not frame.f_code.co_filename.startswith((HERE, _NUMPY)):
-            yield frame
+    while frame is not None:
+        yield _Spot(frame, frame.f_lineno, frame.f_lasti)
         frame = frame.f_back
 
 
-def place_below(entry: CodeType) -> Place | None:
+def _passed(error: BaseException) -> list[_Spot]:
+    """Frames that an error has passed, from the inside."""
+    found: list[_Spot] = []
+    step = error.__traceback__
+    while step is not None:
+        found.insert(0, _Spot(step.tb_frame, step.tb_lineno, step.tb_lasti))
+        step = step.tb_next
+    return found
+
+
+def place_below(entry: CodeType, error: BaseException | None = None) -> Place | None:
     """Find the innermost place in the user's own source.
 
     Parameters
     ----------
     entry
         Code that has called the model.
+    error
+        What was raised there; None: where it is now.
     """
-    frames = list(_frames(entry))
-    if not frames:
+    inside = takewhile(
+        lambda spot: spot.frame.f_code is not entry,
+        _under_way() if error is None else _passed(error),
+    )
+    spots = [spot for spot in inside if not spot.file.startswith((HERE, *_NUMPY))]
+    if not spots:
         return None
-    package = _package(frames[-1])
+    package = _package(spots[-1].frame)
     own = [
-        frame for frame in frames
-        if _package(frame) == package or not is_foreign(frame.f_code.co_filename)
+        spot for spot in spots if _package(spot.frame) == package or not is_foreign(spot.file)
     ]  # fmt: skip
     return _place(own[0])
 
@@ -102,22 +134,22 @@ def _tree(source: str) -> ast.AST | None:
         return None
 
 
-def _span(frame: FrameType) -> tuple[int, int, int, int] | None:
-    """Lines and columns of what a frame is about to do; None before Python 3.11."""
-    positions = getattr(frame.f_code, "co_positions", None)
+def _span(spot: _Spot) -> tuple[int, int, int, int] | None:
+    """Lines and columns of what a frame does; None before Python 3.11."""
+    positions = getattr(spot.frame.f_code, "co_positions", None)
     if positions is None:
         return None
-    found: Any = list(positions())[frame.f_lasti // 2]
+    found: Any = list(positions())[spot.instruction // 2]
     return None if None in found else (found[0], found[2], found[1], found[3])
 
 
-def _place(frame: FrameType) -> Place:
-    file, line = frame.f_code.co_filename, frame.f_lineno
-    lines = linecache.getlines(file, frame.f_globals)
+def _place(spot: _Spot) -> Place:
+    file, line = spot.file, spot.line
+    lines = linecache.getlines(file, spot.frame.f_globals)
     tree = _tree("".join(lines)) if lines else None
     if tree is None:
         return Place(file, line, "".join(lines[line - 1 : line]).strip())
-    span = _span(frame)
+    span = _span(spot)
     if span is None:
         return Place(file, line, _shown(lines[line - 1]), tuple(_on_line(tree, line)))
     syntax = _standing(_enclosing(tree, span))
