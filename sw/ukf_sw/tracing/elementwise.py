@@ -128,9 +128,9 @@ def _heaviside(_: Trace, x: Any, middle: Any) -> Any:
     return np.where(x == 0.0, middle, np.where(x < 0.0, 0.0, 1.0))
 
 
-def _truncated(a: Any) -> Any:
-    towards_zero: Any = np.where(a < 0.0, np.ceil(a), np.floor(a))
-    return towards_zero
+def _truncated(trace: Trace, a: Any) -> TracedNumber:
+    up, down = _apply(trace, Operation.CEIL, a), _apply(trace, Operation.FLOOR, a)
+    return choose(trace, a < 0.0, up, down)
 
 
 def _is_infinite(a: Any) -> Any:
@@ -181,7 +181,7 @@ UFUNCS: dict[np.ufunc, Function] = {
     np.fabs: _one(np.absolute),
     np.square: _one(lambda a: a * a),
     np.reciprocal: _one(lambda a: 1.0 / a),
-    np.trunc: _one(_truncated),
+    np.trunc: Function(1, _truncated),
     np.remainder: _two(lambda a, b: a - b * np.floor(a / b)),
     np.floor_divide: _two(lambda a, b: np.floor(a / b)),
     np.fmod: _two(lambda a, b: a - b * np.trunc(a / b)),

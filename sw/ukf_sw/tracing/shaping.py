@@ -69,7 +69,9 @@ def _joining(function: Callable[..., Any]) -> Callable[..., Any]:
         return lift(trace, value)
 
     def joined(trace: Trace, arrays: Any, *arguments: Any, **options: Any) -> Any:
-        rows: Any = arrays if isinstance(arrays, (list, tuple)) else list(arrays)
+        rows: Any = arrays
+        if isinstance(arrays, TracedArray):
+            rows = list(arrays)
         return wrap(trace, function(parts(trace, rows), *arguments, **options))
 
     return joined
