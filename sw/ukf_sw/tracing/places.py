@@ -3,7 +3,6 @@
 import ast
 import inspect
 import linecache
-import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +19,7 @@ __all__ = ["HERE", "Place", "calling_module", "is_foreign", "place_below"]
 HERE = str(Path(__file__).parent)
 #: Files of NumPy; before version 1.25 it also has frames of no file.
 _NUMPY = str(Path(np.__file__).parent), "<__array_function__"
-_STANDARD = sysconfig.get_path("stdlib")
+_STANDARD = str(Path(ast.__file__).parent)
 _INSTALLED = {"site-packages", "dist-packages"}
 #: Characters of source that a message shows at most.
 _LONGEST = 80
