@@ -2,7 +2,7 @@
 
 A :class:`TracedNumber` is a number at every sigma point, as ``x[0]``; a :class:`TracedArray` is an
 array of them, as ``x``. Constants are among them as well: where only constants are, they convert to
-plain numbers and arrays.
+plain numbers and arrays. Neither is an ``np.ndarray`` to ``isinstance``.
 
 Whatever NumPy offers its arguments arrives at :mod:`ukf_sw.tracing.dispatch`. Arrays of objects, as
 NumPy itself makes of a list of traced numbers, compute with the operators and methods of these.
