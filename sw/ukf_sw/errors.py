@@ -24,7 +24,8 @@ __all__ = [
     "REFUSALS", "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
     "DevicePermissionError", "EstimateLostError", "FormatOverflowError", "IllegalStepError",
     "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
-    "SingularObservationError", "StepError", "StepLostError", "UkfError", "WrongCoreError",
+    "SingularObservationError", "StepError", "StepLostError", "TraceError", "UkfError",
+    "WrongCoreError",
     "add_note", "describe", "error_of",
 ]  # fmt: skip
 
@@ -145,6 +146,43 @@ class FormatOverflowError(UkfError, ValueError):
         super().__init__(
             f"{name} must be at most {limit:.6g}, the largest number of the format, not {value!r}"
         )
+
+
+class TraceError(UkfError, ValueError):
+    """A model does what cannot become a program of the core. Nothing has been made of it.
+
+    Parameters
+    ----------
+    model
+        Name of the model.
+    rule
+        What it must not do.
+    remedy
+        What it could do instead.
+    file, line
+        Where it does so; None if that is not known.
+    expression
+        What stands there.
+    """
+
+    def __init__(
+        self,
+        model: str,
+        rule: str,
+        remedy: str,
+        file: str | None = None,
+        line: int | None = None,
+        expression: str = "",
+    ) -> None:
+        shown = f", as in `{expression}`" if expression else ""
+        where = "" if file is None else f" ({file}, line {line})"
+        super().__init__(f"{model} must not {rule}{shown}{where}; {remedy}")
+        self.model = model
+        self.rule = rule
+        self.remedy = remedy
+        self.file = file
+        self.line = line
+        self.expression = expression
 
 
 class StepError(UkfError):

@@ -925,6 +925,55 @@ MUTANTS = [
         "[a-z][a-z0-9_]*", "[a-z_][a-z0-9_]*",
         "tests/system/test_new.py -k names_are_checked",
     ),
+    Mutant(
+        "tracing: a - b and b - a are one node", "sw/ukf_sw/tracing/operations.py",
+        "    Operation.ADD, Operation.MULTIPLY, Operation.EQUAL,",
+        "    Operation.ADD, Operation.SUBTRACT, Operation.MULTIPLY, Operation.EQUAL,",
+        "tests/sw/test_tracing_graph.py",
+    ),
+    Mutant(
+        "tracing: x + 0.0 is left out", "sw/ukf_sw/tracing/builder.py",
+        "case Operation.ADD if (-0.0).hex() in known:\n"
+        "                return arguments[1 - known.index((-0.0).hex())]",
+        "case Operation.ADD if (0.0).hex() in known:\n"
+        "                return arguments[1 - known.index((0.0).hex())]",
+        "tests/sw/test_tracing_graph.py -k bits",
+    ),
+    Mutant(
+        "tracing: slices are copies", "sw/ukf_sw/tracing/values.py",
+        "else TracedArray(self.origin, found)", "else TracedArray(self.origin, found.copy())",
+        "tests/sw/test_tracing_idioms.py -k views",
+    ),
+    Mutant(
+        "tracing: other packages get arrays that record", "sw/ukf_sw/tracing/makers.py",
+        "return caller == package or not is_foreign(file)", "return True",
+        "tests/sw/test_tracing_idioms.py -k packages",
+    ),
+    Mutant(
+        "tracing: a state is not looked for", "sw/ukf_sw/tracing/tracer.py",
+        "    if first != again:", "    if False:",
+        "tests/sw/test_tracing_refusals.py -k state",
+    ),
+    Mutant(
+        "tracing: the place is that of the outermost call", "sw/ukf_sw/tracing/places.py",
+        "return _place(own[0])", "return _place(own[-1])",
+        "tests/sw/test_tracing_refusals.py -k place",
+    ),
+    Mutant(
+        "tracing: models are compared near the first estimate only", "sw/ukf_sw/tracing/models.py",
+        "for scale in (NEAR, FAR):", "for scale in (NEAR,):",
+        "tests/sw/test_tracing_models.py -k near_and_far",
+    ),
+    Mutant(
+        "tracing: models are compared for one step of the data", "sw/ukf_sw/tracing/models.py",
+        "for given in _spread(data):", "for given in data[:1]:",
+        "tests/sw/test_tracing_models.py -k one_step",
+    ),
+    Mutant(
+        "tracing: a listing loses parentheses", "sw/ukf_sw/tracing/listing.py",
+        "bound(arguments[1], binding + 1)", "bound(arguments[1], binding)",
+        "tests/sw/test_tracing_graph.py -k executed",
+    ),
 ]  # fmt: skip
 
 

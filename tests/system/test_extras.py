@@ -32,6 +32,7 @@ COMMANDS = {
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
     "latency ": ([*SMALL, "--explain", "--plot", "update.svg"], []),
+    "models show": (["--problem", "pendulum"], []),
     "new": (["strut"], []),
     "package": ([*SMALL, "--board", "pynq-z2", "--no-check"], ["hdl"]),
     "report": (["--sweep", __file__], ["sweep"]),
@@ -49,7 +50,8 @@ COMMANDS = {
 }
 #: Those that take a second.
 QUICK = (
-    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "latency ", "new",
+    "apps list", "apps run  ", "disassemble", "export", "generate", "latency", "latency ",
+    "models show", "new",
     "package", "run ", "testbench",
 )  # fmt: skip
 

@@ -14,6 +14,7 @@ from ukf_tools.cli.disassemble import disassemble
 from ukf_tools.cli.estimates import resources, timing
 from ukf_tools.cli.generate import generate
 from ukf_tools.cli.latency import latency
+from ukf_tools.cli.models import models_app
 from ukf_tools.cli.new import new
 from ukf_tools.cli.package import package, write_testbench
 from ukf_tools.cli.run import run
@@ -70,3 +71,4 @@ for command in (
     app.command()(command)
 app.command("testbench")(write_testbench)
 app.add_typer(apps_app)
+app.add_typer(models_app)
