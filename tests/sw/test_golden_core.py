@@ -122,7 +122,7 @@ def test_registers_after_power_up(number_format):
     core = GoldenCore(params)
     expected = dict.fromkeys(REGISTERS, 0)
     expected |= {
-        ID: 0x554B_0004,
+        ID: 0x554B_0005,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
         MASK: 0b11,
@@ -187,7 +187,7 @@ def test_a_start_bit_acts_only_when_its_byte_is_strobed(core):
 
 @pytest.mark.parametrize("offset", range(4))
 def test_low_address_bits_do_not_matter(core, offset):
-    assert core.read(ID.offset + offset) == (0x554B_0004, True)
+    assert core.read(ID.offset + offset) == (0x554B_0005, True)
 
 
 def test_unmapped_addresses_are_refused(core):
