@@ -102,7 +102,7 @@ MUTANTS = [
         "programs: noise above the diagonal is not cleared", "sw/ukf_sw/engine/programs.py",
         "b.multiply(row, layout.ones, layout.ones, [(start + i + 1, stop)])",
         "b.multiply(row, layout.ones, layout.ones, [(stop, stop)])",
-        "tests/sw/test_golden_core.py",
+        "tests/sw/test_additive_noise.py",
     ),
     Mutant(
         "scheduler: which of equal schedules is kept is chance", "sw/ukf_sw/engine/scheduler.py",
