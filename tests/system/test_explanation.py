@@ -118,7 +118,7 @@ def test_what_is_held_back_is_seen():
 @pytest.mark.parametrize("loads", [False, True])
 def test_one_that_is_free_is_held_back_whatever_else_is_blocked(loads):
     """A dot product on clock 0 meets lane operations of clock 2 in its second level of adders."""
-    layout = Layout(UkfParams(n=2, m=1, pes=2))
+    layout = Layout(UkfParams(n=4, m=1, pes=2))
     builder = ProgramBuilder(layout)
     x, ones = layout.X[0], layout.ones
     builder.dot([(x.word(0), ones.word(0), 0b11)])
@@ -134,7 +134,7 @@ def test_one_that_is_free_is_held_back_whatever_else_is_blocked(loads):
 
 def dot_and_axpy(beats):
     """Dot product of a row, and a multiplication of it by the result."""
-    layout = Layout(UkfParams(n=2, m=1, pes=2))
+    layout = Layout(UkfParams(n=4, m=1, pes=2))
     builder = ProgramBuilder(layout)
     x, ones = layout.X[0], layout.ones
     pairs = [(x.word(beat), ones.word(beat), 0b11) for beat in range(beats)]
@@ -242,7 +242,7 @@ def test_longest_chain_of_known_operations():
 
 def test_lanes_that_take_part():
     """A state on two lanes: three sigma points make every other word half full."""
-    code = microcode(UkfParams(n=1, m=1, pes=2), Pipeline())
+    code = microcode(UkfParams(n=1, m=1, W0=0.25, pes=2), Pipeline())
     plan = code.programs[Routine(Program.PREDICT)].plan
     found = explain(code, Routine(Program.PREDICT)).lanes
     kinds = Counter(operation.kind for operation in plan.operations)
