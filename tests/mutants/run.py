@@ -404,7 +404,7 @@ MUTANTS = [
     ),
     Mutant(
         "microcode: a dot product's first beat does not say so", "sw/ukf_sw/engine/microcode.py",
-        '"first": k == 0', '"first": 0',
+        '"first": int(k == 0)', '"first": 0',
         SCHEDULE,
     ),
     Mutant(
