@@ -1,0 +1,272 @@
+"""Makes the coefficients of the elementary functions: ``python -m ukf_docs coefficients``.
+
+Polynomials are minimax (see :mod:`ukf_docs.minimax`) and as short as the precision of the format
+allows. The reduction of angles is tried on the numbers that lie nearest to each multiple of pi/2.
+"""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+from mpmath import mpf
+
+from ukf_docs.minimax import PRECISION, Fit, fit_polynomial, fit_rational
+from ukf_sw.elementary.primitives import exponent_step
+from ukf_sw.engine import arithmetic
+from ukf_sw.spec.float_format import FloatFormat
+
+__all__ = ["FILE", "dump", "make_coefficients", "make_polynomials", "make_reduction", "make_tanh"]
+
+FILE = Path(__file__).parents[2] / "sw/ukf_sw/elementary/coefficients/coefficients.json"
+
+#: Largest error of a reduced angle, in units in the last place.
+_ANGLE_ERROR = 0.75
+#: More turns than that are nobody's angle.
+_MOST_TURN_BITS = 13
+_MOST_TERMS = 40
+
+
+def round_exactly(fmt: FloatFormat, value: Any) -> float:
+    """Round a number of mpmath to a format, to nearest, within the range of normal numbers."""
+    with mpmath.workprec(fmt.precision):
+        return float(+mpf(value))
+
+
+def _split(fmt: FloatFormat, value: Any, count: int, bits: int, *, up: bool) -> tuple[float, ...]:
+    """Give parts that sum to a number; all but the last have few bits.
+
+    up: the first is larger than the number, so that one of the others is negative.
+    """
+    parts: list[float] = []
+    for number in range(count - 1):
+        scale = mpf(2) ** (bits - 1 - int(mpmath.floor(mpmath.log(abs(value), 2))))
+        rounded = mpmath.ceil if up and number == 0 else mpmath.nint
+        parts.append(float(rounded(value * scale) / scale))
+        value -= mpf(parts[-1])
+    return (*parts, round_exactly(fmt, value))
+
+
+def _angle_error(
+    fmt: FloatFormat, parts: tuple[float, ...], scale: float, turns: int
+) -> float:
+    """Give the largest error of a reduced angle, beside all multiples of pi/2 up to a number."""
+    k = np.arange(1, turns + 1, dtype=np.float64)
+    exact = [mpmath.pi / 2 * int(number) for number in k]
+    x = np.array([round_exactly(fmt, value) for value in exact])
+    r = x * scale
+    for part in parts:
+        r = arithmetic.add(fmt, r, -arithmetic.multiply(fmt, k, part))
+    worst = 0.0
+    for angle, multiple, found in zip(x, exact, r / scale, strict=True):
+        left = mpf(float(angle)) - multiple
+        unit = mpf(2) ** (int(mpmath.floor(mpmath.log(abs(left), 2))) - fmt.fraction_bits)
+        worst = max(worst, float(abs(left - mpf(float(found))) / unit))
+    return worst
+
+
+def make_reduction(fmt: FloatFormat) -> dict[str, Any]:
+    """Give how many turns are reduced well, and with which parts of pi/2."""
+    # The smallest parts have to be normal numbers.
+    is_narrow = fmt.bias < 2 * fmt.precision
+    for bits in range(min(fmt.fraction_bits - 3, _MOST_TURN_BITS), 0, -1):
+        scale = 2.0 ** (fmt.bias - bits) if is_narrow else 1.0
+        kept = fmt.precision - bits - 1
+        if kept < 2:
+            continue
+        parts = _split(fmt, mpmath.pi / 2 * scale, 3, kept, up=not is_narrow)
+        quarters = 1 << (bits + 1)
+        if is_narrow:  # no angle is 2**(bits + 1) or more
+            quarters = int(quarters / (mpmath.pi / 2))
+        if _angle_error(fmt, parts, scale, quarters) <= _ANGLE_ERROR:
+            return {"turn_bits": bits, "angle_scale": scale, "half_pi": parts}
+    raise ValueError(f"format must be one in which angles can be reduced, not {fmt.name!r}")
+
+
+def _shortest(
+    fmt: FloatFormat, fit: Callable[[int], Fit], terms: Iterable[int] = range(1, _MOST_TERMS)
+) -> Fit:
+    """Give the shortest polynomial that is good enough."""
+    # A quarter of a unit in the last place at most; half a unit where terms are few.
+    spare_bits = 2 if fmt.fraction_bits > 12 else 1
+    for count in terms:
+        found = fit(count)
+        if found.error < mpf(2) ** -(fmt.precision + spare_bits):
+            return found
+    raise ValueError(f"format must be one with short polynomials, not {fmt.name!r}")
+
+
+def _odd(
+    fmt: FloatFormat, function: Callable[[Any], Any], limit: Any, slope: Callable[[int], Any]
+) -> tuple[float, ...]:
+    """Give P of an odd function r + r * z * P(z), relative to it; slope: its series at zero."""
+
+    def of_square(z: Any) -> Any:
+        if z < mpf(2) ** -60:
+            return slope(0) + slope(1) * z
+        r = mpmath.sqrt(z)
+        return (function(r) / r - 1) / z
+
+    def weight(z: Any) -> Any:
+        r = mpmath.sqrt(z)
+        return z * r / function(r) if z else mpf(0)
+
+    def fit(count: int) -> Fit:
+        return fit_polynomial(
+            of_square, weight, (mpf(0), limit**2), range(count), lambda c: round_exactly(fmt, c)
+        )
+
+    return _shortest(fmt, fit).coefficients
+
+
+def _make_cosine(fmt: FloatFormat, limit: Any) -> tuple[float, ...]:
+    def of_square(z: Any) -> Any:
+        return (mpmath.cos(mpmath.sqrt(z)) - 1) / z if z else mpf(-1) / 2
+
+    def fit(count: int) -> Fit:
+        return fit_polynomial(
+            of_square, lambda z: z, (mpf(0), limit**2), range(1, count),
+            lambda c: round_exactly(fmt, c), {0: -0.5},
+        )  # fmt: skip
+
+    return _shortest(fmt, fit).coefficients
+
+
+def _make_exponential(fmt: FloatFormat, limit: Any, factor: int) -> tuple[float, ...]:
+    def fit(count: int) -> Fit:
+        return fit_polynomial(
+            lambda r: factor * mpmath.exp(r), lambda r: mpmath.exp(-r) / factor, (-limit, limit),
+            range(1, count), lambda c: round_exactly(fmt, c), {0: float(factor)},
+        )  # fmt: skip
+
+    return _shortest(fmt, fit).coefficients
+
+
+def _make_logarithm(fmt: FloatFormat, low: Any, high: Any) -> tuple[float, ...]:
+    def function(f: Any) -> Any:
+        if abs(f) < mpf(2) ** -50:
+            return mpf(-1) / 2 + f / 3 - f * f / 4
+        return (mpmath.log1p(f) / f - 1) / f
+
+    def weight(f: Any) -> Any:
+        return f * f / mpmath.log1p(f) if f else mpf(0)
+
+    def fit(count: int) -> Fit:
+        return fit_polynomial(
+            function, weight, (low, high), range(1, count), lambda c: round_exactly(fmt, c),
+            {0: -0.5},
+        )  # fmt: skip
+
+    return _shortest(fmt, fit).coefficients
+
+
+def make_tanh(fmt: FloatFormat) -> dict[str, Any]:
+    """Make what the hyperbolic tangent has.
+
+    With t = tanh(x / 2) it is ``2 * t / (1 + t * t)``, which makes errors of t small where t is
+    large: so the quotient of polynomials that is t may be short.
+    """
+    # Beyond, the function rounds to 1.
+    limit = round_exactly(fmt, mpmath.atanh(1 - mpf(2) ** -(fmt.precision + 2)))
+
+    def function(z: Any) -> Any:
+        return mpmath.tanh(mpmath.sqrt(z)) / mpmath.sqrt(z) if z else mpf(1)
+
+    def weight(z: Any) -> Any:
+        t = mpmath.tanh(mpmath.sqrt(z))
+        return (1 - t * t) / (1 + t * t) / function(z)
+
+    for terms in range(1, _MOST_TERMS):
+        degrees = (terms // 2, terms - terms // 2)
+        found = fit_rational(function, weight, (mpf(0), (mpf(limit) / 2) ** 2), degrees)
+        if found[0].error < mpf(2) ** -(fmt.precision + 1):
+            # Of z = x * x instead of that of x / 2. Their quotient stays what it is if both are
+            # multiplied by 7/8, but numbers below 1 are rounded more finely than those above.
+            dividend, divisor = (
+                tuple(
+                    round_exactly(fmt, c * mpf(0.875) / 4**k)
+                    for k, c in enumerate(side.coefficients)
+                )
+                for side in found
+            )
+            return {"tanh_dividend": dividend, "tanh_divisor": divisor, "tanh_limit": limit}
+    raise ValueError(f"format must be one with short polynomials, not {fmt.name!r}")
+
+
+def make_polynomials(fmt: FloatFormat, turn_bits: int, names: Iterable[str]) -> dict[str, Any]:
+    """Make some of the polynomials.
+
+    Parameters
+    ----------
+    fmt
+        Number format.
+    turn_bits
+        Bits of the number of turns of an angle.
+    names
+        Fields of :class:`ukf_sw.elementary.coefficients.Coefficients`.
+    """
+    unit = mpf(2) ** -fmt.fraction_bits
+    # The number of periods is rounded from a number that is wrong by a rounding or two.
+    reduced = 1 + 2 * mpf(2) ** (turn_bits + 1) * unit
+    step = exponent_step(fmt)
+    exponents = mpf(2) ** (fmt.exponent_bits - 1) / step
+    factor = round_exactly(fmt, 1 / (step * mpmath.log(2)))
+    wrong = unit + 2 * abs(factor * step * mpmath.log(2) - 1)
+    exponential_limit = step * mpmath.log(2) / 2 * (1 + exponents * wrong)
+    root = mpmath.sqrt(mpf(2)) if step == 1 else mpf(2)
+
+    def series(*terms: Any) -> Callable[[int], Any]:
+        return lambda k: terms[k]
+
+    sine = series(mpf(-1) / 6, mpf(1) / 120)
+    makers: dict[str, Callable[[], tuple[float, ...]]] = {
+        "sine": lambda: _odd(fmt, mpmath.sin, mpmath.pi / 2 * reduced, sine),
+        "quarter_sine": lambda: _odd(fmt, mpmath.sin, mpmath.pi / 4 * reduced, sine),
+        "quarter_cosine": lambda: _make_cosine(fmt, mpmath.pi / 4 * reduced),
+        "tangent": lambda: _odd(
+            fmt, mpmath.tan, mpmath.pi / 4 * reduced, series(mpf(1) / 3, mpf(2) / 15)
+        ),
+        "arcsine": lambda: _odd(
+            fmt, mpmath.asin, (1 + unit) / 2, series(mpf(1) / 6, mpf(3) / 40)
+        ),
+        "arctangent": lambda: _odd(
+            fmt, mpmath.atan, 1 + 4 * unit, series(mpf(-1) / 3, mpf(1) / 5)
+        ),
+        "exponential": lambda: _make_exponential(fmt, exponential_limit, 2 if step == 1 else 1),
+        "logarithm": lambda: _make_logarithm(
+            fmt, (1 - 2 * unit) / root - 1, root * (1 + 2 * unit) - 1
+        ),
+    }
+    return {name: makers[name]() for name in names}
+
+
+def make_coefficients(fmt: FloatFormat) -> dict[str, Any]:
+    """Make the fields of :class:`ukf_sw.elementary.coefficients.Coefficients` for a format."""
+    with mpmath.workprec(PRECISION):
+        record = make_reduction(fmt)
+        step = exponent_step(fmt)
+        bits = fmt.precision - (fmt.exponent_bits - (step - 1))
+        count = 2 if bits >= 5 else 3
+        record["ln_2"] = _split(fmt, step * mpmath.log(2), count, max(bits, 1), up=False)
+        names = (
+            "sine", "quarter_sine", "quarter_cosine", "tangent", "arcsine", "arctangent",
+            "exponential", "logarithm",
+        )  # fmt: skip
+        return {**record, **make_polynomials(fmt, record["turn_bits"], names), **make_tanh(fmt)}
+
+
+def dump(records: dict[str, dict[str, Any]]) -> str:
+    """Write coefficients as text: numbers as hexadecimal fractions, so exactly."""
+
+    def text(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [float(number).hex() for number in value]
+        return value if isinstance(value, int) else float(value).hex()
+
+    found = {
+        name: {field: text(value) for field, value in record.items()}
+        for name, record in records.items()
+    }
+    return json.dumps(found, indent=1) + "\n"
