@@ -5,7 +5,7 @@ allows. The reduction of angles is tried on the numbers that lie nearest to each
 """
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 from mpmath import mpf
 
 from ukf_docs.minimax import PRECISION, Fit, fit_polynomial, fit_rational
-from ukf_sw.elementary.primitives import exponent_step
+from ukf_docs.studies.study import Tell
+from ukf_sw.elementary.primitives import exponent_step, is_narrow
 from ukf_sw.engine import arithmetic
-from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.float_format import FORMATS, FloatFormat
 
-__all__ = ["FILE", "dump", "make_coefficients", "make_polynomials", "make_reduction", "make_tanh"]
+__all__ = ["FILE", "dump", "make_coefficients", "make_polynomials", "make_reduction", "make_tanh", "refresh"]
 
 FILE = Path(__file__).parents[2] / "sw/ukf_sw/elementary/coefficients/coefficients.json"
 
@@ -69,18 +70,14 @@ def _angle_error(
 
 def make_reduction(fmt: FloatFormat) -> dict[str, Any]:
     """Give how many turns are reduced well, and with which parts of pi/2."""
-    # The smallest parts have to be normal numbers.
-    is_narrow = fmt.bias < 2 * fmt.precision
     for bits in range(min(fmt.fraction_bits - 3, _MOST_TURN_BITS), 0, -1):
-        scale = 2.0 ** (fmt.bias - bits) if is_narrow else 1.0
+        # No angle is 4 * 2**bits or more; the smallest parts have to be normal numbers.
+        scale = 2.0 ** (fmt.bias - bits - 2) if is_narrow(fmt) else 1.0
         kept = fmt.precision - bits - 1
         if kept < 2:
             continue
-        parts = _split(fmt, mpmath.pi / 2 * scale, 3, kept, up=not is_narrow)
-        quarters = 1 << (bits + 1)
-        if is_narrow:  # no angle is 2**(bits + 1) or more
-            quarters = int(quarters / (mpmath.pi / 2))
-        if _angle_error(fmt, parts, scale, quarters) <= _ANGLE_ERROR:
+        parts = _split(fmt, mpmath.pi / 2 * scale, 3, kept, up=True)
+        if _angle_error(fmt, parts, scale, 1 << (bits + 1)) <= _ANGLE_ERROR:
             return {"turn_bits": bits, "angle_scale": scale, "half_pi": parts}
     raise ValueError(f"format must be one in which angles can be reduced, not {fmt.name!r}")
 
@@ -183,10 +180,11 @@ def make_tanh(fmt: FloatFormat) -> dict[str, Any]:
         found = fit_rational(function, weight, (mpf(0), (mpf(limit) / 2) ** 2), degrees)
         if found[0].error < mpf(2) ** -(fmt.precision + 1):
             # Of z = x * x instead of that of x / 2. Their quotient stays what it is if both are
-            # multiplied by 7/8, but numbers below 1 are rounded more finely than those above.
+            # multiplied by 7/4, but numbers below a power of two are rounded more finely than those
+            # above.
             dividend, divisor = (
                 tuple(
-                    round_exactly(fmt, c * mpf(0.875) / 4**k)
+                    round_exactly(fmt, c * mpf(1.75) / 4**k)
                     for k, c in enumerate(side.coefficients)
                 )
                 for side in found
@@ -247,7 +245,8 @@ def make_coefficients(fmt: FloatFormat) -> dict[str, Any]:
     with mpmath.workprec(PRECISION):
         record = make_reduction(fmt)
         step = exponent_step(fmt)
-        bits = fmt.precision - (fmt.exponent_bits - (step - 1))
+        # Exponents, or halves of them, are at most a power of two.
+        bits = fmt.precision - (fmt.exponent_bits - step)
         count = 2 if bits >= 5 else 3
         record["ln_2"] = _split(fmt, step * mpmath.log(2), count, max(bits, 1), up=False)
         names = (
@@ -257,16 +256,34 @@ def make_coefficients(fmt: FloatFormat) -> dict[str, Any]:
         return {**record, **make_polynomials(fmt, record["turn_bits"], names), **make_tanh(fmt)}
 
 
-def dump(records: dict[str, dict[str, Any]]) -> str:
+def dump(records: Mapping[str, Mapping[str, Any]]) -> str:
     """Write coefficients as text: numbers as hexadecimal fractions, so exactly."""
 
     def text(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return [float(number).hex() for number in value]
-        return value if isinstance(value, int) else float(value).hex()
+        if isinstance(value, tuple | list):
+            return [text(number) for number in value]
+        return value.hex() if isinstance(value, float) else value
 
     found = {
         name: {field: text(value) for field, value in record.items()}
         for name, record in records.items()
     }
     return json.dumps(found, indent=1) + "\n"
+
+
+def refresh(file: Path, formats: Iterable[FloatFormat], tell: Tell) -> None:
+    """Make coefficients for some formats, and write them to a file; others there stay.
+
+    Raises
+    ------
+    ValueError
+        If a format cannot have any; the file is then as it was.
+    """
+    formats = list(formats)
+    records = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    for k, fmt in enumerate(formats):
+        tell(fmt.name, k, len(formats))
+        records[fmt.name] = make_coefficients(fmt)
+    usual = [name for name in FORMATS if name in records]
+    others = sorted(name for name in records if name not in FORMATS)
+    file.write_text(dump({name: records[name] for name in usual + others}), encoding="utf-8")

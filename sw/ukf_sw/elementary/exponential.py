@@ -3,7 +3,7 @@
 from math import e, log2
 
 from ukf_sw.elementary.coefficients import coefficients
-from ukf_sw.elementary.primitives import Addend, Condition, Reading, Sign, exponent_step
+from ukf_sw.elementary.primitives import Addend, Condition, Reading, Sign, exponent_step, is_narrow
 from ukf_sw.elementary.quotients import divide, integer_power, reciprocal, sqrt
 from ukf_sw.elementary.sequence import Operand, SequenceBuilder, Temporary
 from ukf_sw.spec.float_format import FloatFormat
@@ -74,7 +74,11 @@ def log(builder: SequenceBuilder, x: Temporary) -> Temporary:
     for _ in range(step):
         significand = builder.product(significand, word, reading=Reading.POWER)
     f = builder.scaled(0.5**step, significand, plus=-1.0)
-    result = builder.grown(f, builder.product(f, builder.polynomial(table.logarithm, f)))
+    polynomial = builder.polynomial(table.logarithm, f)
+    if is_narrow(fmt):  # f * f would be flushed
+        result = builder.product(f, builder.product_plus(1.0, f, polynomial))
+    else:
+        result = builder.grown(f, builder.product(f, polynomial))
     high, *low = table.ln_2
     result = builder.scaled(sum(low), k, plus=result)
     # What is infinite there is already what is to come out.

@@ -35,6 +35,7 @@ __all__ = [
     "Sign",
     "evaluate_root",
     "exponent_step",
+    "is_narrow",
     "round_constant",
 ]
 
@@ -62,7 +63,8 @@ class Reading(Enum):
 
     With E and F the bits of exponent and fraction, and ``middle`` = 1.5 * 2**F: between 2**F and
     2**(F + 1) all numbers are integers, and the low bits of a word there are those of ``k`` in
-    ``middle + k``. Adding ``middle`` to a number rounds it to an integer, and makes such a word.
+    ``middle + k``. Adding ``middle`` to a number rounds it to an integer, and makes such a word. In a
+    format with F above its bias there is no such number, and the last two mean nothing.
     """
 
     NUMBER = "number"  #: The number.
@@ -103,13 +105,20 @@ class Root(Enum):
     #: ``1/sqrt(x)``. A zero of either sign and infinity give plus zero; negative numbers and NaN
     #: give NaN.
     PLAIN = "plain"
-    #: ``1/sqrt(abs(x))`` with the sign of x. Zeros give infinities, infinities give zeros.
+    #: ``1/sqrt(abs(x))`` with the sign of x. Zeros give infinities, infinities give zeros. Finite
+    #: numbers from 2**(bias - 1) on give NaN, as NaN does: the square of the root, which is to be a
+    #: reciprocal, would be below the smallest normal number, or be that.
     SIGNED = "signed"
 
 
 def exponent_step(fmt: FloatFormat) -> int:
     """How many exponents :attr:`Reading.EXPONENT` counts as one: the fraction has F bits for E."""
     return 1 << max(0, fmt.exponent_bits - fmt.fraction_bits)
+
+
+def is_narrow(fmt: FloatFormat) -> bool:
+    """Whether a format's range is so narrow that rounding errors of numbers near 1 are flushed."""
+    return fmt.bias < 2 * fmt.precision
 
 
 def round_constant(fmt: FloatFormat, value: float) -> float:
@@ -129,11 +138,11 @@ def _is_negative(values: _Numbers) -> NDArray[np.bool_]:
 
 def _power(fmt: FloatFormat, word: _Numbers) -> _Numbers:
     low = 2.0**fmt.fraction_bits
-    with np.errstate(invalid="ignore"):
-        exponent = np.clip(word, low / 2, 4 * low) - 1.5 * low + 1.0
-    powers = np.ldexp(1.0, np.clip(exponent, -1000.0, 1000.0).astype(np.int64, casting="unsafe"))
-    result = np.where(exponent < 1 - fmt.bias, 0.0, np.where(exponent > fmt.bias, np.inf, powers))
-    result = np.where(word < low, 0.0, np.where(word >= 2 * low, np.inf, result))
+    is_integer = (word >= low) & (word < 2.0 * low)
+    exponent = np.where(is_integer, word, 1.5 * low) - 1.5 * low + 1.0
+    result = np.ldexp(1.0, np.clip(exponent, 1 - fmt.bias, fmt.bias).astype(np.int64))
+    result = np.where((word < low) | (exponent < 1 - fmt.bias), 0.0, result)
+    result = np.where((word >= 2.0 * low) | (exponent > fmt.bias), np.inf, result)
     return np.where(np.isnan(word), np.nan, result)
 
 
@@ -259,5 +268,8 @@ def evaluate_root(fmt: FloatFormat, root: Root, values: ArrayLike) -> NDArray[np
     x = np.asarray(values, dtype=np.float64)
     if root is Root.PLAIN:
         return arithmetic.reciprocal_sqrt(fmt, x)
-    result = arithmetic.reciprocal_sqrt(fmt, np.abs(x))
-    return np.copysign(np.where(np.abs(x) < fmt.min_normal, np.inf, result), x)
+    magnitude = np.abs(x)
+    result = arithmetic.reciprocal_sqrt(fmt, magnitude)
+    result = np.where(magnitude < fmt.min_normal, np.inf, result)
+    is_large = (magnitude >= 2.0 ** (fmt.bias - 1)) & (magnitude < np.inf)
+    return np.where(is_large | np.isnan(x), np.nan, np.copysign(result, x))

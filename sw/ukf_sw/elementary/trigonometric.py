@@ -2,7 +2,8 @@
 
 The argument is reduced by the nearest multiple k of a period, in parts of pi whose products with k
 are exact. So that no argument is reduced wrongly, the number of periods is formed times a power of
-two with which it overflows where there are too many: k is infinite then, and what is left NaN.
+two with which it overflows where there are too many. Then k is infinite, and what is left is NaN,
+because not all parts have the same sign.
 """
 
 from math import pi
@@ -18,10 +19,8 @@ __all__ = ["angle_limit", "cos", "sin", "sincos", "tan"]
 
 def angle_limit(fmt: FloatFormat) -> float:
     """Give the magnitude below which arguments are reduced; somewhere above, they give NaN."""
-    table = coefficients(fmt)
-    if table.angle_scale == 1.0:
-        return pi * (2.0**table.turn_bits - 0.5)
-    return 2.0 ** (fmt.bias + 1) / table.angle_scale
+    # The number of periods, in cosines one half more, is rounded before it overflows.
+    return pi * (2.0 ** coefficients(fmt).turn_bits - 0.5) * (1.0 - 2.0 * fmt.epsilon)
 
 
 def _reduced(
@@ -34,20 +33,14 @@ def _reduced(
     fmt, table = builder.fmt, coefficients(builder.fmt)
     middle = 1.5 * 2.0**fmt.fraction_bits
     period = quarters * pi / 2
-    if table.angle_scale == 1.0:
-        r, turns = x, table.turn_bits + 2 - quarters
-        scale = 2.0 ** (fmt.bias + 1 - turns)
-        plus = None if offset is None else offset * scale
-        periods = builder.scaled(scale / period, x, plus=plus)
-    else:
-        r = builder.scaled(table.angle_scale, x)
-        scale, periods = table.angle_scale * period, r
-        if offset is not None:
-            scale, periods = 1.0, builder.scaled(1.0 / scale, r, plus=offset)
+    scale = 2.0 ** (fmt.bias + 1 - (table.turn_bits + 2 - quarters))
+    plus = None if offset is None else offset * scale
+    periods = builder.scaled(scale / period, x, plus=plus)
     word = builder.scaled(1.0 / scale, periods, plus=middle)
     k = builder.shifted(word, middle, subtract=True)
     if offset is not None:
         k = builder.shifted(k, offset, subtract=True)
+    r = x if table.angle_scale == 1.0 else builder.scaled(table.angle_scale, x)
     for part in table.half_pi:
         r = builder.scaled(quarters * part, k, plus=r, subtract=True)
     if table.angle_scale != 1.0:

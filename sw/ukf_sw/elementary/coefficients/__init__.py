@@ -23,10 +23,9 @@ class Coefficients:
         Sine and cosine take arguments below ``pi * 2**turn_bits``.
     angle_scale
         1; in formats with a narrow range, what angles are multiplied with while they are reduced.
-        Then arguments must also be such that this does not overflow.
     half_pi
         Parts that sum to pi/2 times the scale. Products of all but the last with a number of
-        quarter turns are exact. One of them is negative if the scale is 1.
+        quarter turns are exact. One of them is negative.
     ln_2
         Parts that sum to ln 2, times the step of :func:`ukf_sw.elementary.primitives.exponent_step`;
         products of all but the last with an exponent are exact.
