@@ -13,7 +13,7 @@ import mpmath
 import numpy as np
 from mpmath import mpf
 
-from ukf_docs.minimax import PRECISION, Fit, fit_polynomial, fit_rational
+from ukf_docs.minimax import PRECISION, fit_polynomial, fit_rational
 from ukf_docs.studies.study import Tell
 from ukf_sw.elementary.primitives import exponent_step, is_narrow
 from ukf_sw.engine import arithmetic
@@ -83,26 +83,35 @@ def make_reduction(fmt: FloatFormat) -> dict[str, Any]:
 
 
 def _shortest(
-    fmt: FloatFormat, fit: Callable[[int], Fit], terms: Iterable[int] = range(1, _MOST_TERMS)
-) -> Fit:
-    """Give the shortest polynomial that is good enough."""
-    # A quarter of a unit in the last place at most; half a unit where terms are few.
-    spare_bits = 2 if fmt.fraction_bits > 12 else 1
-    for count in terms:
-        found = fit(count)
-        if found.error < mpf(2) ** -(fmt.precision + spare_bits):
-            return found
+    fmt: FloatFormat,
+    function: Callable[[Any], Any],
+    weight: Callable[[Any], Any],
+    interval: tuple[Any, Any],
+    fixed: float | None = None,
+) -> tuple[float, ...]:
+    """Give the shortest polynomial that is good enough; fixed: its first coefficient."""
+    # A third of a unit in the last place, and half a unit when coefficients are rounded.
+    goal = mpf(2) ** -(fmt.precision + mpf(1.5))
+    first = 0 if fixed is None else 1
+    for count in range(max(1, fmt.fraction_bits // 9), _MOST_TERMS):
+        found = fit_polynomial(
+            function, weight, interval, range(first, first + count),
+            lambda value: round_exactly(fmt, value),
+            fixed=None if fixed is None else {0: fixed}, goal=goal,
+        )  # fmt: skip
+        if found.coefficients and found.error < mpf(2) ** -(fmt.precision + 1):
+            return found.coefficients
     raise ValueError(f"format must be one with short polynomials, not {fmt.name!r}")
 
 
 def _odd(
-    fmt: FloatFormat, function: Callable[[Any], Any], limit: Any, slope: Callable[[int], Any]
+    fmt: FloatFormat, function: Callable[[Any], Any], limit: Any, series: tuple[Any, Any]
 ) -> tuple[float, ...]:
-    """Give P of an odd function r + r * z * P(z), relative to it; slope: its series at zero."""
+    """Give P of an odd function r + r * z * P(z), relative to it; series: of P, at zero."""
 
     def of_square(z: Any) -> Any:
         if z < mpf(2) ** -60:
-            return slope(0) + slope(1) * z
+            return series[0] + series[1] * z
         r = mpmath.sqrt(z)
         return (function(r) / r - 1) / z
 
@@ -110,38 +119,24 @@ def _odd(
         r = mpmath.sqrt(z)
         return z * r / function(r) if z else mpf(0)
 
-    def fit(count: int) -> Fit:
-        return fit_polynomial(
-            of_square, weight, (mpf(0), limit**2), range(count), lambda c: round_exactly(fmt, c)
-        )
-
-    return _shortest(fmt, fit).coefficients
+    return _shortest(fmt, of_square, weight, (mpf(0), limit**2))
 
 
-def _make_cosine(fmt: FloatFormat, limit: Any) -> tuple[float, ...]:
+def _cosine(fmt: FloatFormat, limit: Any) -> tuple[float, ...]:
     def of_square(z: Any) -> Any:
         return (mpmath.cos(mpmath.sqrt(z)) - 1) / z if z else mpf(-1) / 2
 
-    def fit(count: int) -> Fit:
-        return fit_polynomial(
-            of_square, lambda z: z, (mpf(0), limit**2), range(1, count),
-            lambda c: round_exactly(fmt, c), {0: -0.5},
-        )  # fmt: skip
-
-    return _shortest(fmt, fit).coefficients
+    return _shortest(fmt, of_square, lambda z: z, (mpf(0), limit**2), -0.5)
 
 
-def _make_exponential(fmt: FloatFormat, limit: Any, factor: int) -> tuple[float, ...]:
-    def fit(count: int) -> Fit:
-        return fit_polynomial(
-            lambda r: factor * mpmath.exp(r), lambda r: mpmath.exp(-r) / factor, (-limit, limit),
-            range(1, count), lambda c: round_exactly(fmt, c), {0: float(factor)},
-        )  # fmt: skip
+def _exponential(fmt: FloatFormat, limit: Any, factor: int) -> tuple[float, ...]:
+    def function(r: Any) -> Any:
+        return factor * mpmath.exp(r)
 
-    return _shortest(fmt, fit).coefficients
+    return _shortest(fmt, function, lambda r: 1 / function(r), (-limit, limit), float(factor))
 
 
-def _make_logarithm(fmt: FloatFormat, low: Any, high: Any) -> tuple[float, ...]:
+def _logarithm(fmt: FloatFormat, low: Any, high: Any) -> tuple[float, ...]:
     def function(f: Any) -> Any:
         if abs(f) < mpf(2) ** -50:
             return mpf(-1) / 2 + f / 3 - f * f / 4
@@ -150,13 +145,7 @@ def _make_logarithm(fmt: FloatFormat, low: Any, high: Any) -> tuple[float, ...]:
     def weight(f: Any) -> Any:
         return f * f / mpmath.log1p(f) if f else mpf(0)
 
-    def fit(count: int) -> Fit:
-        return fit_polynomial(
-            function, weight, (low, high), range(1, count), lambda c: round_exactly(fmt, c),
-            {0: -0.5},
-        )  # fmt: skip
-
-    return _shortest(fmt, fit).coefficients
+    return _shortest(fmt, function, weight, (low, high), -0.5)
 
 
 def make_tanh(fmt: FloatFormat) -> dict[str, Any]:
@@ -215,25 +204,17 @@ def make_polynomials(fmt: FloatFormat, turn_bits: int, names: Iterable[str]) -> 
     exponential_limit = step * mpmath.log(2) / 2 * (1 + exponents * wrong)
     root = mpmath.sqrt(mpf(2)) if step == 1 else mpf(2)
 
-    def series(*terms: Any) -> Callable[[int], Any]:
-        return lambda k: terms[k]
-
-    sine = series(mpf(-1) / 6, mpf(1) / 120)
+    quarter = mpmath.pi / 4 * reduced
+    one, sine = mpf(1), (mpf(-1) / 6, mpf(1) / 120)
     makers: dict[str, Callable[[], tuple[float, ...]]] = {
-        "sine": lambda: _odd(fmt, mpmath.sin, mpmath.pi / 2 * reduced, sine),
-        "quarter_sine": lambda: _odd(fmt, mpmath.sin, mpmath.pi / 4 * reduced, sine),
-        "quarter_cosine": lambda: _make_cosine(fmt, mpmath.pi / 4 * reduced),
-        "tangent": lambda: _odd(
-            fmt, mpmath.tan, mpmath.pi / 4 * reduced, series(mpf(1) / 3, mpf(2) / 15)
-        ),
-        "arcsine": lambda: _odd(
-            fmt, mpmath.asin, (1 + unit) / 2, series(mpf(1) / 6, mpf(3) / 40)
-        ),
-        "arctangent": lambda: _odd(
-            fmt, mpmath.atan, 1 + 4 * unit, series(mpf(-1) / 3, mpf(1) / 5)
-        ),
-        "exponential": lambda: _make_exponential(fmt, exponential_limit, 2 if step == 1 else 1),
-        "logarithm": lambda: _make_logarithm(
+        "sine": lambda: _odd(fmt, mpmath.sin, 2 * quarter, sine),
+        "quarter_sine": lambda: _odd(fmt, mpmath.sin, quarter, sine),
+        "quarter_cosine": lambda: _cosine(fmt, quarter),
+        "tangent": lambda: _odd(fmt, mpmath.tan, quarter, (one / 3, 2 * one / 15)),
+        "arcsine": lambda: _odd(fmt, mpmath.asin, (1 + unit) / 2, (one / 6, 3 * one / 40)),
+        "arctangent": lambda: _odd(fmt, mpmath.atan, 1 + 4 * unit, (-one / 3, one / 5)),
+        "exponential": lambda: _exponential(fmt, exponential_limit, 2 // step),
+        "logarithm": lambda: _logarithm(
             fmt, (1 - 2 * unit) / root - 1, root * (1 + 2 * unit) - 1
         ),
     }
@@ -241,10 +222,20 @@ def make_polynomials(fmt: FloatFormat, turn_bits: int, names: Iterable[str]) -> 
 
 
 def make_coefficients(fmt: FloatFormat) -> dict[str, Any]:
-    """Make the fields of :class:`ukf_sw.elementary.coefficients.Coefficients` for a format."""
+    """Make the fields of :class:`ukf_sw.elementary.coefficients.Coefficients` for a format.
+
+    Raises
+    ------
+    ValueError
+        If its fraction or its exponent is too short.
+    """
+    step = exponent_step(fmt)
+    if step > 2:
+        raise ValueError(
+            f"format must be one with exponents that its fraction can count, not {fmt.name!r}"
+        )
     with mpmath.workprec(PRECISION):
         record = make_reduction(fmt)
-        step = exponent_step(fmt)
         # Exponents, or halves of them, are at most a power of two.
         bits = fmt.precision - (fmt.exponent_bits - step)
         count = 2 if bits >= 5 else 3

@@ -60,14 +60,16 @@ def _extremes(errors: Sequence[Any], count: int) -> list[int]:
 
 def _exchange(
     points: Sequence[Any], wanted: Sequence[Any], weights: Sequence[Any], powers: Sequence[int]
-) -> list[Any]:
+) -> Fit:
     """Fit a polynomial of some powers on points: Remez's exchange."""
     unknowns = len(powers)
-    columns = [[weight * point**power for power in powers] for point, weight in zip(points, weights, strict=True)]
+    columns = [
+        [weight * point**power for power in powers]
+        for point, weight in zip(points, weights, strict=True)
+    ]
     targets = [weight * value for value, weight in zip(wanted, weights, strict=True)]
-    last = len(points) - 1
-    reference = [round(k * last / unknowns) for k in range(unknowns + 1)]
-    best: tuple[Any, list[Any]] | None = None
+    reference = [round(k * (len(points) - 1) / unknowns) for k in range(unknowns + 1)]
+    best = Fit((), mpmath.inf)
     for _ in range(_EXCHANGES):
         rows = [[*columns[index], mpf((-1) ** k)] for k, index in enumerate(reference)]
         solution = mpmath.lu_solve(
@@ -75,19 +77,19 @@ def _exchange(
         )
         coefficients = [solution[k] for k in range(unknowns)]
         errors = [
-            target - mpmath.fdot(row, coefficients) for row, target in zip(columns, targets, strict=True)
+            target - mpmath.fdot(row, coefficients)
+            for row, target in zip(columns, targets, strict=True)
         ]
         largest = max(abs(error) for error in errors)
-        if best is None or largest < best[0]:
-            best = largest, coefficients
+        if largest < best.error:
+            best = Fit(tuple(coefficients), largest)
         if largest <= abs(solution[unknowns]) * _LEVELLED:
             break
         exchanged = _extremes(errors, unknowns + 1)
         if len(exchanged) <= unknowns or exchanged == reference:
             break
         reference = exchanged
-    assert best is not None
-    return best[1]
+    return best
 
 
 def fit_polynomial(
@@ -96,7 +98,9 @@ def fit_polynomial(
     interval: tuple[Any, Any],
     powers: Sequence[int],
     rounded: Callable[[Any], float],
+    *,
     fixed: Mapping[int, float] | None = None,
+    goal: Any = mpmath.inf,
 ) -> Fit:
     """Fit a polynomial whose coefficients are numbers of a format.
 
@@ -115,8 +119,11 @@ def fit_polynomial(
         Rounds to the format.
     fixed
         Coefficients that are given, by power.
+    goal
+        If the error is above that before anything is rounded, no coefficients are given.
     """
-    points = nodes(*interval, 24 * (len(powers) + 4))
+    points = nodes(*interval, 12 * (len(powers) + 4))
+    points = [point for point in points if weight(point)]  # any error there is none
     weights = [weight(point) for point in points]
     wanted = [function(point) for point in points]
     known: dict[int, float] = {}
@@ -130,8 +137,10 @@ def fit_polynomial(
         take(power, value)
     free = list(powers)
     while free:
-        take(free[0], rounded(_exchange(points, wanted, weights, free)[0]))
-        free.pop(0)
+        found = _exchange(points, wanted, weights, free)
+        if found.error > goal and len(free) == len(powers):
+            return Fit((), found.error)
+        take(free.pop(0), rounded(found.coefficients[0]))
     error = max(abs(value * weight) for value, weight in zip(wanted, weights, strict=True))
     return Fit(tuple(known.get(power, 0.0) for power in range(max(known) + 1)), error)
 

@@ -1,7 +1,8 @@
 """Signs, choices, comparisons and rounding to integers.
 
 A mask is a word that is true where it is negative. Minus zero is negative and NaN is not, so a
-mask may be anything; those that comparisons give are right for all numbers.
+mask may be anything. Comparisons are right for all numbers, also for zeros and for numbers whose
+difference is flushed; but an infinity compares with itself as NaN does, because the difference is.
 """
 
 from ukf_sw.elementary.primitives import Condition, Sign
@@ -190,7 +191,7 @@ def floor(builder: SequenceBuilder, x: Temporary) -> Temporary:
 
 
 def ceil(builder: SequenceBuilder, x: Temporary) -> Temporary:
-    """Give the smallest integer that is not below; all of the range."""
+    """Give the smallest integer that is not below; all of the range. Zeros may have either sign."""
     result = _nearest(builder, x)
     rest = builder.sum(result, x, subtract=True)
     builder.shifted(result, 1.0, condition=Condition.NEGATIVE, where=rest, into=result)
