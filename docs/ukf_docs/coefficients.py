@@ -19,7 +19,15 @@ from ukf_sw.elementary.primitives import exponent_step, is_narrow
 from ukf_sw.engine import arithmetic
 from ukf_sw.spec.float_format import FORMATS, FloatFormat
 
-__all__ = ["FILE", "dump", "make_coefficients", "make_polynomials", "make_reduction", "make_tanh", "refresh"]
+__all__ = [
+    "FILE",
+    "dump",
+    "make_coefficients",
+    "make_polynomials",
+    "make_reduction",
+    "make_tanh",
+    "refresh",
+]
 
 FILE = Path(__file__).parents[2] / "sw/ukf_sw/elementary/coefficients/coefficients.json"
 
@@ -50,9 +58,7 @@ def _split(fmt: FloatFormat, value: Any, count: int, bits: int, *, up: bool) -> 
     return (*parts, round_exactly(fmt, value))
 
 
-def _angle_error(
-    fmt: FloatFormat, parts: tuple[float, ...], scale: float, turns: int
-) -> float:
+def _angle_error(fmt: FloatFormat, parts: tuple[float, ...], scale: float, turns: int) -> float:
     """Give the largest error of a reduced angle, beside all multiples of pi/2 up to a number."""
     k = np.arange(1, turns + 1, dtype=np.float64)
     exact = [mpmath.pi / 2 * int(number) for number in k]
@@ -214,9 +220,7 @@ def make_polynomials(fmt: FloatFormat, turn_bits: int, names: Iterable[str]) -> 
         "arcsine": lambda: _odd(fmt, mpmath.asin, (1 + unit) / 2, (one / 6, 3 * one / 40)),
         "arctangent": lambda: _odd(fmt, mpmath.atan, 1 + 4 * unit, (-one / 3, one / 5)),
         "exponential": lambda: _exponential(fmt, exponential_limit, 2 // step),
-        "logarithm": lambda: _logarithm(
-            fmt, (1 - 2 * unit) / root - 1, root * (1 + 2 * unit) - 1
-        ),
+        "logarithm": lambda: _logarithm(fmt, (1 - 2 * unit) / root - 1, root * (1 + 2 * unit) - 1),
     }
     return {name: makers[name]() for name in names}
 

@@ -10,7 +10,7 @@ from typing import Any
 import mpmath
 from mpmath import mpf
 
-__all__ = ["Fit", "fit_polynomial", "fit_rational", "nodes"]
+__all__ = ["Fit", "fit_polynomial", "fit_rational", "nodes", "polynomial"]
 
 #: Bits with which everything is computed.
 PRECISION = 220
@@ -42,6 +42,14 @@ def nodes(low: Any, high: Any, count: int) -> list[Any]:
         (high + low) / 2 - (high - low) / 2 * mpmath.cos(mpmath.pi * k / (count - 1))
         for k in range(count)
     ]
+
+
+def polynomial(coefficients: Sequence[Any], point: Any) -> Any:
+    """Give the value of a polynomial with coefficients of rising powers."""
+    value = mpf(0)
+    for coefficient in reversed(coefficients):
+        value = value * point + coefficient
+    return value
 
 
 def _extremes(errors: Sequence[Any], count: int) -> list[int]:
@@ -194,9 +202,9 @@ def fit_rational(
         solution = mpmath.lu_solve(normal, right)
         top = [solution[k] for k in range(above + 1)]
         bottom = [mpf(1), *(solution[above + 1 + k] for k in range(below))]
-        divisors = [mpmath.polyval(bottom[::-1], point) for point in points]
+        divisors = [polynomial(bottom, point) for point in points]
         errors = [
-            abs((mpmath.polyval(top[::-1], point) / divisors[k] - values[k]) * weights[k])
+            abs((polynomial(top, point) / divisors[k] - values[k]) * weights[k])
             for k, point in enumerate(points)
         ]
         largest = max(errors)

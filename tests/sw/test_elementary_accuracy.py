@@ -85,9 +85,9 @@ def errors_of(name, wrong, x):
 
 
 def test_what_an_error_is():
-    from ukf_docs.studies.elementary import _error
-
     import gmpy2
+
+    from ukf_docs.studies.elementary import _error
 
     def error(fmt, exact, found, inside=True, early=1.0):
         return _error(fmt, gmpy2.mpfr(exact), found, inside=inside, early=early)
@@ -123,8 +123,8 @@ def test_points_are_hostile():
             for row in rows:
                 np.testing.assert_array_equal(row, fmt.round(row))
             if name != "power":
-                assert np.isnan(rows[0]).any() and np.isinf(rows[0]).any()
-                assert (np.abs(rows[0]) == fmt.max_finite).any() and (rows[0] == 0.0).any()
+                assert {0.0, np.inf, -np.inf, fmt.max_finite} <= set(rows[0])
+                assert np.isnan(rows[0]).any()
             if name in ("sin", "tan", "reciprocal", "sqrt", "log", "hypot", "arctan2"):
                 assert not inside.all()
     (x,) = points("sin", BINARY32, 5000, rng)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from math import inf, isinf, isnan, log, nan, pi
 from typing import Any
 
-import gmpy2
+import gmpy2 as untyped_gmpy2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +32,8 @@ __all__ = [
 ]
 
 _Numbers = NDArray[np.float64]
+
+gmpy2: Any = untyped_gmpy2
 
 #: Points of each kind; there are some seven kinds.
 COUNT = 8_000
@@ -351,9 +353,9 @@ def exact_table() -> str:
         given = [
             builder.input() if value is None else builder.constant(value) for value in constants
         ]
-        result = FUNCTIONS[name].expand(builder, *given)
+        FUNCTIONS[name].expand(builder, *given)
         written = ", ".join(next(letters) if value is None else "constant" for value in constants)
-        rows.append((f"`{name}({written})`", str(builder.finish(result).slots)))
+        rows.append((f"`{name}({written})`", str(builder.finish().slots)))
     return table(("function", "slots a beat"), rows)
 
 

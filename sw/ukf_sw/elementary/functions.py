@@ -4,7 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-from ukf_sw.elementary import exponential, inverse_trigonometric, quotients, selection, trigonometric
+from ukf_sw.elementary import (
+    exponential,
+    inverse_trigonometric,
+    quotients,
+    selection,
+    trigonometric,
+)
 from ukf_sw.elementary.primitives import Reading
 from ukf_sw.elementary.sequence import Operand, Sequence, SequenceBuilder
 from ukf_sw.spec.float_format import FloatFormat

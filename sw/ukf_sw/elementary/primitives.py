@@ -63,8 +63,8 @@ class Reading(Enum):
 
     With E and F the bits of exponent and fraction, and ``middle`` = 1.5 * 2**F: between 2**F and
     2**(F + 1) all numbers are integers, and the low bits of a word there are those of ``k`` in
-    ``middle + k``. Adding ``middle`` to a number rounds it to an integer, and makes such a word. In a
-    format with F above its bias there is no such number, and the last two mean nothing.
+    ``middle + k``. Adding ``middle`` to a number rounds it to an integer, and makes such a word. In
+    a format with F above its bias there is no such number, and the last two mean nothing.
     """
 
     NUMBER = "number"  #: The number.
@@ -251,9 +251,7 @@ class Form:
             b = np.where(_bit(fmt, word_0, 0 if self.sign is Sign.BIT_0 else 1), -b, b)
         return -b if self.subtract else b
 
-    def _writes(
-        self, fmt: FloatFormat, word_1: _Numbers, result: _Numbers
-    ) -> NDArray[np.bool_]:
+    def _writes(self, fmt: FloatFormat, word_1: _Numbers, result: _Numbers) -> NDArray[np.bool_]:
         """Give the lanes that write."""
         if self.condition is Condition.FINITE:
             return np.isfinite(result)

@@ -93,7 +93,9 @@ def equal(builder: SequenceBuilder, x: Operand, y: Operand) -> Temporary:
     """Give the mask of x == y."""
     result = less_equal(builder, x, y)
     below = less(builder, x, y)
-    return builder.copied(below, negate=True, condition=Condition.NEGATIVE, where=result, into=result)
+    return builder.copied(
+        below, negate=True, condition=Condition.NEGATIVE, where=result, into=result
+    )
 
 
 def not_equal(builder: SequenceBuilder, x: Operand, y: Operand) -> Temporary:

@@ -301,9 +301,7 @@ class SequenceBuilder:
         into: Temporary | None = None,
     ) -> Temporary:
         """Give a * b, or -a * b; a is word 0."""
-        form = Form(
-            addend=addend, sign=sign, reading=reading, subtract=negate, condition=condition
-        )
+        form = Form(addend=addend, sign=sign, reading=reading, subtract=negate, condition=condition)
         return self.slot(form, a, b, into=into)
 
     def scaled(
@@ -382,9 +380,7 @@ class SequenceBuilder:
         into: Temporary | None = None,
     ) -> Temporary:
         """Give s - a."""
-        form = Form(
-            addend=Addend.SCALAR, reading=Reading.ONE, subtract=True, condition=condition
-        )
+        form = Form(addend=Addend.SCALAR, reading=Reading.ONE, subtract=True, condition=condition)
         return self.slot(form, a, where, s, into=into)
 
     def complement(self, s: float, b: Operand) -> Temporary:
