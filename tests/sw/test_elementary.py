@@ -311,11 +311,29 @@ def test_integer_powers_are_products(fmt):
 def test_halves_are_roots(fmt):
     root, inverse, other = power(fmt, 0.5), power(fmt, -0.5), power(fmt, 2.5)
     assert (root.slots, root.loads, inverse.slots, inverse.loads) == (1, 1, 4, 2)
+    assert (other.slots, other.loads, power(fmt, -1.5).slots) == (3, 1, 5)
     assert root.evaluate([0.0, 4.0])[0].tolist() == [0.0, 2.0]
     assert inverse.evaluate([0.0, 4.0, 16.0])[0].tolist() == [inf, 0.5, 0.25]
-    assert np.isnan([*root.evaluate([-1.0])[0], *inverse.evaluate([-1.0])[0]]).all()
-    assert other.slots > 20
-    np.testing.assert_allclose(other.evaluate([4.0])[0], 32.0, rtol=32 * fmt.epsilon)
+    assert other.evaluate([0.0, 4.0])[0].tolist() == [0.0, 32.0]
+    assert power(fmt, -1.5).evaluate([0.0, 4.0])[0].tolist() == [inf, 0.125]
+    for made in (root, inverse, other):
+        assert np.isnan(made.evaluate([-1.0, -inf, nan])[0]).all()
+
+
+@ALL_FORMATS
+@pytest.mark.parametrize("exponent", [0.25, 1.0 / 3.0, -2.75, 1100.0, inf])
+def test_other_powers_are_of_logarithms(fmt, exponent):
+    exponent = float(fmt.round(exponent))
+    made = power(fmt, exponent)
+    (given,) = sequence("power", fmt).evaluate([1.0, 1.5, 0.0, -1.0], exponent)
+    assert made.slots == sequence("power", fmt).slots
+    np.testing.assert_array_equal(made.evaluate([1.0, 1.5, 0.0, -1.0])[0], given)
+
+
+def test_integer_powers_are_positive():
+    builder = SequenceBuilder(BINARY32)
+    with pytest.raises(ValueError, match="exponent must be positive, not 0"):
+        quotients.integer_power(builder, builder.input(), 0)
 
 
 # Sequences and their builder.

@@ -5,10 +5,14 @@ from math import e, log2
 from ukf_sw.elementary.coefficients import coefficients
 from ukf_sw.elementary.primitives import Addend, Condition, Reading, Sign, exponent_step, is_narrow
 from ukf_sw.elementary.quotients import divide, integer_power, reciprocal, sqrt
-from ukf_sw.elementary.sequence import Operand, SequenceBuilder, Temporary
+from ukf_sw.elementary.sequence import Constant, Operand, SequenceBuilder, Temporary
 from ukf_sw.spec.float_format import FloatFormat
 
 __all__ = ["exp", "log", "power", "tanh"]
+
+
+#: Beyond, products would take more slots than logarithm and exponential.
+_LARGEST_PRODUCT = 1024
 
 
 def _middle(fmt: FloatFormat) -> float:
@@ -88,19 +92,27 @@ def log(builder: SequenceBuilder, x: Temporary) -> Temporary:
 def power(builder: SequenceBuilder, x: Temporary, exponent: Operand | float) -> Operand:
     """Give x to a power.
 
-    Integers are products, and halves of odd integers have a square root; otherwise it is
-    ``exp(exponent * log(x))``, NaN of negative x.
+    A constant integer is products, also of negative x; a half of an odd integer is products and a
+    square root. Other powers are ``exp(exponent * log(x))``, NaN of negative x.
     """
     if isinstance(exponent, Temporary):
         return exp(builder, builder.product(exponent, log(builder, x)))
-    value = exponent if isinstance(exponent, int | float) else exponent.value
-    if value == int(value):
-        return integer_power(builder, x, int(value))
-    if value == 0.5:
-        return sqrt(builder, x)
-    if value == -0.5:
-        return reciprocal(builder, sqrt(builder, x))
+    value = float(exponent.value if isinstance(exponent, Constant) else exponent)
+    if abs(value) <= _LARGEST_PRODUCT and (2.0 * value).is_integer():
+        return _product(builder, x, value)
     return exp(builder, builder.scaled(value, log(builder, x)))
+
+
+def _product(builder: SequenceBuilder, x: Temporary, exponent: float) -> Operand:
+    """Give x to an integer or half of an odd one."""
+    whole = int(abs(exponent))
+    factors = [integer_power(builder, x, whole)] if whole else []
+    if whole != abs(exponent):
+        factors.append(sqrt(builder, x))
+    if not factors:
+        return builder.constant(1.0)
+    result = factors[0] if len(factors) == 1 else builder.product(*factors)
+    return reciprocal(builder, result) if exponent < 0.0 else result
 
 
 def tanh(builder: SequenceBuilder, x: Temporary) -> Temporary:

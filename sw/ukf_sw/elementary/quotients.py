@@ -55,18 +55,22 @@ def hypot(builder: SequenceBuilder, x: Temporary, y: Temporary) -> Temporary:
     return builder.product(larger, root)
 
 
-def integer_power(builder: SequenceBuilder, x: Temporary, exponent: int) -> Operand:
-    """Give x to an integer power, as products; a negative one is the reciprocal of a power."""
-    if exponent < 0:
-        power = integer_power(builder, x, -exponent)
-        assert isinstance(power, Temporary)
-        return reciprocal(builder, power)
-    result: Operand | None = None
+def integer_power(builder: SequenceBuilder, x: Temporary, exponent: int) -> Temporary:
+    """Give x to a positive integer, as products.
+
+    Raises
+    ------
+    ValueError
+        If it is not positive.
+    """
+    if exponent < 1:
+        raise ValueError(f"exponent must be positive, not {exponent!r}")
+    result: Temporary | None = None
     square = x
-    while exponent:
+    while True:
         if exponent & 1:
             result = square if result is None else builder.product(result, square)
         exponent >>= 1
-        if exponent:
-            square = builder.product(square, square)
-    return builder.constant(1.0) if result is None else result
+        if not exponent:
+            return result or square
+        square = builder.product(square, square)
