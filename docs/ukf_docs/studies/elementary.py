@@ -27,6 +27,7 @@ __all__ = [
     "exact_table",
     "is_inside",
     "measure",
+    "measure_function",
     "points",
     "worst",
 ]
@@ -36,7 +37,9 @@ _Numbers = NDArray[np.float64]
 gmpy2: Any = untyped_gmpy2
 
 #: Points of each kind; there are some seven kinds.
-COUNT = 8_000
+COUNT = 100_000
+#: Points that are compared with MPFR, of formats that are shorter than float64.
+_LOOKED_AT = 4_000
 #: Exponents ``y * log(x)`` of the powers that are measured: the error grows with them.
 POWER_LIMIT = 10.0
 
@@ -66,6 +69,24 @@ EXACT: Mapping[str, tuple[Callable[..., Any], ...]] = {
     "power": (_WIDE.pow,),
     "tanh": (_WIDE.tanh,),
 }
+
+
+def _one(function: Callable[..., _Numbers]) -> Callable[..., tuple[_Numbers, ...]]:
+    return lambda *arguments: (function(*arguments),)
+
+
+#: The same in float64, which is enough to find where errors of shorter formats are large.
+_ROUGHLY: Mapping[str, Callable[..., tuple[_Numbers, ...]]] = {
+    "reciprocal": lambda x: (1.0 / x,),
+    "sincos": lambda x: (np.sin(x), np.cos(x)),
+    **{
+        name: _one(getattr(np, name))
+        for name in (
+            "divide", "sqrt", "hypot", "sin", "cos", "tan", "arcsin", "arccos", "arctan",
+            "arctan2", "exp", "log", "power", "tanh",
+        )
+    },
+}  # fmt: skip
 _PERIODIC = ("sin", "cos", "sincos", "tan")
 
 
@@ -119,8 +140,10 @@ def errors(name: str, fmt: FloatFormat, *arguments: _Numbers) -> _Numbers:
     """
     inside = is_inside(name, fmt, arguments)
     largest = np.zeros(arguments[0].shape)
-    # Results of an exponential may be zero from a little earlier on than they would have to.
+    # Results of an exponential may be zero from a little earlier on than they would have to; where
+    # that is depends on the errors of a power.
     early = 2.0**0.5 if name in ("exp", "power") and exponent_step(fmt) == 1 else 1.0
+    early *= 1.0 + 64.0 * fmt.epsilon if name == "power" else 1.0
     results = sequence(name, fmt).evaluate(*arguments)
     rows = list(zip(*(argument.tolist() for argument in arguments), strict=True))
     for function, result in zip(EXACT[name], results, strict=True):
@@ -189,9 +212,9 @@ def _two_arguments(
         base = np.exp2(rng.uniform(1 - fmt.bias, fmt.bias + 0.4, 2 * count))
         base[:count] = rng.uniform(0.3, 3.0, count)
         base = fmt.round(base)
-        exponent = rng.uniform(-POWER_LIMIT, POWER_LIMIT, 2 * count) / np.log(base + 1e-30)
-        exponent = fmt.round(np.clip(exponent, -(2.0**fmt.bias), 2.0**fmt.bias))
-        return [base, np.where(base == 1.0, 2.0, exponent)]
+        base = np.where(base == 1.0, 2.0, base)
+        exponent = rng.uniform(-POWER_LIMIT, POWER_LIMIT, 2 * count) / np.log(base)
+        return [base, fmt.round(np.clip(exponent, -(2.0**fmt.bias), 2.0**fmt.bias))]
     low, high = 1 - fmt.bias, fmt.bias + 1
     wide = np.exp2(rng.uniform(low, high, (2, count)))
     near = np.exp2(rng.uniform(-3.0, 3.0, (2, count)))
@@ -226,11 +249,37 @@ def points(name: str, fmt: FloatFormat, count: int, rng: np.random.Generator) ->
     return _two_arguments(name, fmt, count, rng)
 
 
+def _suspects(name: str, fmt: FloatFormat, arguments: Sequence[_Numbers]) -> list[_Numbers]:
+    """Give the points whose errors are largest as float64 sees them, and others, taken evenly.
+
+    Formats as precise as float64 have all their points looked at.
+    """
+    if fmt.precision > 40 or arguments[0].size <= _LOOKED_AT:
+        return list(arguments)
+    rough = np.zeros(arguments[0].shape)
+    with np.errstate(all="ignore"):
+        expected = _ROUGHLY[name](*arguments)
+        for value, found in zip(expected, sequence(name, fmt).evaluate(*arguments), strict=True):
+            unit = np.exp2(np.floor(np.log2(np.abs(value))))
+            # What is flushed or overflows is among those that are taken evenly.
+            is_usual = (np.abs(value) > 2.0 * fmt.min_normal) & (np.abs(value) < fmt.max_finite)
+            error = np.where(is_usual & np.isfinite(found), np.abs(found - value) / unit, 0.0)
+            rough = np.maximum(rough, error)
+    order = np.argsort(rough)[::-1]
+    half = _LOOKED_AT // 2
+    chosen = np.concatenate([order[:half], order[half :: order.size // half]])
+    return [argument[chosen] for argument in arguments]
+
+
 def worst(name: str, fmt: FloatFormat, arguments: Sequence[_Numbers]) -> tuple[float, list[float]]:
-    """Give the largest error on some points, and where it is."""
-    found = errors(name, fmt, *arguments)
+    """Give the largest error on some points, and where it is.
+
+    Of many points, those are looked at where it may be.
+    """
+    looked_at = _suspects(name, fmt, arguments)
+    found = errors(name, fmt, *looked_at)
     k = int(np.argmax(found))
-    return float(found[k]), [float(argument[k]) for argument in arguments]
+    return float(found[k]), [float(argument[k]) for argument in looked_at]
 
 
 #: Domains, for the table; L is a limit of each format.
@@ -274,26 +323,32 @@ def arguments_of(
     return points(name, fmt, count, rng)
 
 
-def measure(tell: Tell, count: int = COUNT) -> dict[str, dict[str, dict[str, float]]]:
-    """Measure slots and largest errors, by function and format.
+def measure_function(name: str, fmt: FloatFormat, count: int = COUNT) -> dict[str, float]:
+    """Measure slots and the largest error of a function.
 
     Parameters
     ----------
-    tell
-        Called with what is being done.
+    name
+        Function.
+    fmt
+        Number format.
     count
-        Points of each kind.
+        Points of each kind; fewer of a format as precise as float64, as all go through MPFR.
     """
+    many = count if fmt.precision < 40 else count // 12
+    error, _ = worst(name, fmt, arguments_of(name, fmt, many, np.random.default_rng(0)))
+    steps = sequence(name, fmt)
+    return {"slots": steps.slots, "loads": steps.loads, "error": round(error, 3)}
+
+
+def measure(tell: Tell) -> dict[str, dict[str, dict[str, float]]]:
+    """Measure slots and largest errors, by function and format."""
     record: dict[str, dict[str, dict[str, float]]] = {}
     for k, name in enumerate(EXACT):
         record[name] = {}
         for i, (format_name, fmt) in enumerate(FORMATS.items()):
             tell(f"{name}, {format_name}", k * len(FORMATS) + i, len(EXACT) * len(FORMATS))
-            rng = np.random.default_rng(0)
-            error, _ = worst(name, fmt, arguments_of(name, fmt, count, rng))
-            steps = sequence(name, fmt)
-            found = {"slots": steps.slots, "loads": steps.loads, "error": round(error, 3)}
-            record[name][format_name] = found
+            record[name][format_name] = measure_function(name, fmt)
     return record
 
 
