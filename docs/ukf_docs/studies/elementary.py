@@ -244,9 +244,11 @@ def points(name: str, fmt: FloatFormat, count: int, rng: np.random.Generator) ->
     rng
         Generator of random numbers.
     """
-    if FUNCTIONS[name].arguments == 1:
-        return [_one_argument(name, fmt, count, rng)]
-    return _two_arguments(name, fmt, count, rng)
+    # Some are infinite because they overflow.
+    with np.errstate(over="ignore"):
+        if FUNCTIONS[name].arguments == 1:
+            return [_one_argument(name, fmt, count, rng)]
+        return _two_arguments(name, fmt, count, rng)
 
 
 def _suspects(name: str, fmt: FloatFormat, arguments: Sequence[_Numbers]) -> list[_Numbers]:

@@ -48,17 +48,11 @@ def ratio(builder: SequenceBuilder, smaller: Temporary, larger: Temporary) -> Te
 
 
 def hypot(builder: SequenceBuilder, x: Temporary, y: Temporary) -> Temporary:
-    """Give sqrt(x*x + y*y), without intermediate overflow; NaN if both are infinite.
-
-    It is the sum of both magnitudes times their cosines. An error of the slope turns the angle of
-    both, which changes the sum by the square of that error: so the slope need not be corrected.
-    """
+    """Give sqrt(x*x + y*y), without intermediate overflow; NaN if both are infinite."""
     larger, smaller, _ = larger_and_smaller(builder, x, y)
-    root = builder.root(larger, Root.PLAIN)
-    slope = builder.product(builder.product(smaller, root), root)
-    cosine = builder.root(builder.product_plus(1.0, slope, slope), Root.PLAIN)
-    other = builder.product(builder.product(smaller, slope), cosine)
-    return builder.sum(builder.product(larger, cosine), other)
+    slope = ratio(builder, smaller, larger)
+    root = sqrt(builder, builder.product_plus(1.0, slope, slope))
+    return builder.product(larger, root)
 
 
 def integer_power(builder: SequenceBuilder, x: Temporary, exponent: int) -> Temporary:
