@@ -8,8 +8,17 @@ import pytest
 from ukf_sw.elementary import exponential, quotients, selection
 from ukf_sw.elementary.coefficients import coefficients
 from ukf_sw.elementary.functions import FUNCTIONS, needs_exponents, sequence
-from ukf_sw.elementary.primitives import Condition, Form, Multiplier, exponent_step
-from ukf_sw.elementary.sequence import SequenceBuilder
+from ukf_sw.elementary.primitives import (
+    Addend,
+    Condition,
+    Form,
+    Multiplier,
+    Reading,
+    Root,
+    Sign,
+    exponent_step,
+)
+from ukf_sw.elementary.sequence import RootStep, SequenceBuilder
 from ukf_sw.elementary.trigonometric import angle_limit
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
 
@@ -352,6 +361,16 @@ def test_what_is_counted():
     }  # fmt: skip
     assert sequence("rint", BINARY32).words == {2.0**23, -(2.0**23)}
     assert sequence("exp", BINARY32) is sequence("exp", BINARY32)
+
+
+def test_all_that_lanes_can_do_is_used():
+    """Hardware that no function needs is none."""
+    forms = {form for name in FUNCTIONS for form in sequence(name, BINARY32).forms}
+    used = {value for form in forms for value in vars(form).values()}
+    for kind in (Multiplier, Addend, Reading, Sign, Condition):
+        assert set(kind) <= used
+    steps = [step for name in FUNCTIONS for step in sequence(name, BINARY32).steps]
+    assert {step.root for step in steps if isinstance(step, RootStep)} == set(Root)
 
 
 def test_shapes_broadcast_and_inputs_are_numbers_of_the_format():

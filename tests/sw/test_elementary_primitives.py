@@ -147,7 +147,7 @@ def test_forms_are_what_gates_make(fmt):
     words = hostile_words(fmt, rng, 40)
     count = 10
     kept = 0
-    for form in rng.permutation(np.array(FORMS, dtype=object))[:250]:
+    for form in rng.permutation(np.array(FORMS, dtype=object))[:160]:
         operands = rng.choice(words, (4, count))
         values = [fmt.decode(row) for row in operands]
         found = fmt.encode(form.evaluate(fmt, *values))
@@ -156,7 +156,7 @@ def test_forms_are_what_gates_make(fmt):
         kept += sum(
             int(word) == int(before) for word, before in zip(found, operands[3], strict=True)
         )
-    assert kept > 50
+    assert kept > 30
 
 
 @pytest.mark.parametrize("reading", [Reading.POWER, Reading.EXPONENT])

@@ -298,9 +298,9 @@ DOMAINS = {
     "arccos": "abs(x) <= 1",
     "arctan": "abs(x) < B, or infinite",
     "arctan2": "not both infinite; zeros as usual",
-    "exp": "everywhere; 0 below E, then infinite",
+    "exp": "everywhere; 0 below E",
     "log": "0 <= x <= G; log(0) is minus infinity",
-    "power": "0 < x <= G; 0 to a power but 0",
+    "power": "0 < x <= G; 0, but not to the power 0",
     "tanh": "everywhere",
 }
 

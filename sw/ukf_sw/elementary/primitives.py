@@ -13,7 +13,8 @@ Beside that there is the one unit behind the scalar bus, 1/sqrt, which takes the
 one by one (:class:`Root`).
 
 Numbers are held as in :mod:`ukf_sw.engine.arithmetic`. The sign of NaN is plus, as in its word;
-the sign of a zero counts. Bits are those of the word.
+the sign of a zero counts. Bits are those of the word. Words that no result has, those of subnormal
+numbers and of other NaN, stand for what they are read as.
 """
 
 from dataclasses import dataclass

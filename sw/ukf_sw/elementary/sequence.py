@@ -130,14 +130,14 @@ class Sequence:
 
     @property
     def scalars(self) -> frozenset[float]:
-        """Constants that are scalars, as text of their bits would tell them apart."""
+        """Constants that are scalars."""
         return frozenset(
             step.scalar.value for step in self.steps if isinstance(step, SlotStep) and step.scalar
         )
 
     @property
     def words(self) -> frozenset[float]:
-        """Constants that are words of every lane."""
+        """Constants that are words, the same in every lane."""
         return frozenset(
             word.value
             for step in self.steps
