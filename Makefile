@@ -1,7 +1,7 @@
 # Every target is one command; `make` alone lists them. All but `help` and `clean` first make the
 # environment in .venv, once. An own environment is used instead with `make VENV=path`.
 .DEFAULT_GOAL := help
-.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics rounding iteration refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline check lint types wheel-check format clean
+.PHONY: help demo install test test-fast test-slow cosim apps figures formal mutants resources sweep report growth routing bench numerics rounding iteration elementary coefficients refresh docs zynq zynq-tools zynq-c package-check fusesoc baseline check lint types wheel-check format clean
 
 PYTHON ?= python3
 VENV   ?= .venv
@@ -102,6 +102,12 @@ numerics: $(STAMP) ## Measure formats, forms and W0 on the applications, and not
 
 rounding: $(STAMP) ## Measure which roundings cost the nanosatellite accuracy, and note it (slow)
 	$(BIN)/python -m ukf_docs measure rounding
+
+elementary: $(STAMP) ## Measure errors of the elementary functions, and note them
+	$(BIN)/python -m ukf_docs measure elementary
+
+coefficients: $(STAMP) ## Make the elementary functions' polynomials; FORMATS="float6.17 ..." for others
+	$(BIN)/python -m ukf_docs coefficients $(FORMATS)
 
 iteration: $(STAMP) ## Co-simulate iterations with the 2018 paper's bus, and note the traffic
 	$(BIN)/python -m ukf_docs measure iteration

@@ -8,6 +8,7 @@ import typer
 from ukf_docs import DOCS
 from ukf_docs.studies import STUDIES
 from ukf_docs.studies.study import Study
+from ukf_sw.spec.float_format import FORMATS, FloatFormat
 from ukf_tools.cli.console import fail, print_files, progress_teller, results
 
 # What takes long to import is imported by the commands that need it.
@@ -47,6 +48,14 @@ def _study(name: str) -> Study:
     if name not in STUDIES:
         raise typer.BadParameter(f"NAME must be one of {', '.join(STUDIES)}, not {name!r}")
     return STUDIES[name]
+
+
+def _format(name: str) -> FloatFormat:
+    """Give the format of a name."""
+    try:
+        return FloatFormat.from_name(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 @app.command("measure")
@@ -101,6 +110,28 @@ def applications(
         fail(str(error), 1)
     size = sum(file.stat().st_size for file in copies)
     results.print(f"{len(copies)} figures, {size} bytes", highlight=False)
+
+
+@app.command("coefficients")
+def coefficients(
+    formats: Annotated[
+        list[FloatFormat] | None,
+        typer.Argument(
+            metavar="[FORMAT...]",
+            help="Formats to make anew, the others stay; without any, those with usual names.",
+            parser=_format,
+        ),
+    ] = None,
+) -> None:
+    """Make the coefficients of the elementary functions (minutes for binary64)."""
+    from ukf_docs.coefficients import FILE, refresh
+
+    with progress_teller() as tell:
+        try:
+            refresh(FILE, formats or tuple(FORMATS.values()), tell)
+        except ValueError as error:
+            fail(str(error), 1)
+    print_files([FILE])
 
 
 @app.command("convert")

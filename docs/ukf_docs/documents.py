@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from ukf_docs import DOCS, README
 from ukf_docs.markdown import table, thousands
 from ukf_docs.studies import STUDIES
+from ukf_docs.studies.elementary import exact_table
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import description
 from ukf_hdl.interfaces.register_page import register_map
@@ -109,6 +110,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "board.md": {"vivado": _vivado},
     DOCS / "inside.md": {"listing": _listing},
     DOCS / "design-space.md": {"explained": _explained, "pes": _pes},
+    DOCS / "numerics.md": {"exact-functions": exact_table},
 }
 for _study in STUDIES.values():
     DOCUMENTS.setdefault(_study.document, {}).update(

@@ -29,6 +29,10 @@ C_DRIVER = "tests/system/test_c_driver.py"
 C_RECOVERY = "tests/system/test_c_recovery.py"
 C_MODELS = "tests/system/test_c_models.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
+ELEMENTARY = "tests/sw/test_elementary.py"
+ACCURACY = "tests/sw/test_elementary_accuracy.py"
+LANE_FORMS = "tests/sw/test_elementary_primitives.py"
+COEFFICIENTS = "tests/sw/test_elementary_coefficients.py"
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,267 @@ class Mutant:
 
 
 MUTANTS = [
+    Mutant(
+        "elementary: a coefficient of the sine in its 12th bit",
+        "sw/ukf_sw/elementary/coefficients/coefficients.json",
+        "0x1.110eda0000000p-7",
+        "0x1.1100da0000000p-7",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: a late coefficient of the logarithm in binary64",
+        "sw/ukf_sw/elementary/coefficients/coefficients.json",
+        "0x1.c71c71e19c925p-4",
+        "0x1.c70c71e19c925p-4",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: the second part of pi in its last bits",
+        "sw/ukf_sw/elementary/coefficients/coefficients.json",
+        "-0x1.2e7b967674000p-40",
+        "-0x1.2e7b967674008p-40",
+        f"{COEFFICIENTS} {ACCURACY}",
+    ),
+    Mutant(
+        "elementary: the last part of pi is left out",
+        "sw/ukf_sw/elementary/trigonometric.py",
+        "for part in table.half_pi:",
+        "for part in table.half_pi[:-1]:",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: the sign of a sine is that of half as many turns",
+        "sw/ukf_sw/elementary/trigonometric.py",
+        "sign=Sign.BIT_0",
+        "sign=Sign.BIT_1",
+        f"{ELEMENTARY} {ACCURACY}",
+    ),
+    Mutant(
+        "elementary: sine and cosine keep their places",
+        "sw/ukf_sw/elementary/trigonometric.py",
+        "builder.copied(kept, condition=Condition.ODD, where=word, into=sine)",
+        "builder.copied(kept)",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: angles are taken from twice as far",
+        "sw/ukf_sw/elementary/trigonometric.py",
+        "scale = 2.0 ** (fmt.bias + 1 -",
+        "scale = 2.0 ** (fmt.bias -",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: the second part of pi is positive",
+        "docs/ukf_docs/coefficients.py",
+        "3, kept, up=True)",
+        "3, kept, up=False)",
+        COEFFICIENTS,
+    ),
+    Mutant(
+        "elementary: a reciprocal is corrected where there is nothing to correct",
+        "sw/ukf_sw/elementary/quotients.py",
+        "rest, condition=Condition.FINITE, into=result)\n\n\ndef divide",
+        "rest, into=result)\n\n\ndef divide",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: a reciprocal is not corrected",
+        "sw/ukf_sw/elementary/quotients.py",
+        "rest = builder.product_plus(1.0, x, result, subtract=not negate)",
+        "rest = builder.product_plus(1.0, x, result, subtract=negate)",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: quotients by numbers near the largest",
+        "sw/ukf_sw/elementary/primitives.py",
+        "magnitude >= 2.0 ** (fmt.bias - 1)",
+        "magnitude >= 2.0**fmt.bias",
+        f"{ELEMENTARY} {LANE_FORMS}",
+    ),
+    Mutant(
+        "elementary: 1/0 is 0",
+        "sw/ukf_sw/elementary/primitives.py",
+        "np.where(magnitude < fmt.min_normal, np.inf, result)",
+        "np.where(magnitude < fmt.min_normal, 0.0, result)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: magnitudes are not sorted",
+        "sw/ukf_sw/elementary/quotients.py",
+        "builder.copied(larger, into=smaller, condition=Condition.NEGATIVE, where=steeper)",
+        "builder.copied(larger, into=smaller, condition=Condition.ODD, where=steeper)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: 0/0 of magnitudes",
+        "sw/ukf_sw/elementary/quotients.py",
+        "root = builder.root(larger, Root.PLAIN)",
+        "root = builder.root(larger, Root.SIGNED)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: arcsine chooses the wrong side",
+        "sw/ukf_sw/elementary/inverse_trigonometric.py",
+        "builder.copied(x, condition=Condition.NOT_NEGATIVE, where=large, into=r)",
+        "builder.copied(x, condition=Condition.NEGATIVE, where=large, into=r)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: arccosine of negative numbers",
+        "sw/ukf_sw/elementary/inverse_trigonometric.py",
+        "angle, condition=Condition.NEGATIVE, where=x, into=result)",
+        "angle, condition=Condition.NEGATIVE, where=large, into=result)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: the arctangent of infinity has the other sign",
+        "sw/ukf_sw/elementary/inverse_trigonometric.py",
+        "    return builder.grown(r, builder.product(polynomial, z, addend=Addend.PLUS_ZERO))\n\n"
+        "\ndef arctan(",
+        "    return builder.grown(r, builder.product(polynomial, z))\n\n\ndef arctan(",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: arctan2 behind",
+        "sw/ukf_sw/elementary/inverse_trigonometric.py",
+        "angle, condition=Condition.NEGATIVE, where=x, into=angle)",
+        "angle, condition=Condition.NOT_NEGATIVE, where=x, into=angle)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: exp overflows to a number",
+        "sw/ukf_sw/elementary/exponential.py",
+        "result = builder.scaled(2.0, word, reading=Reading.POWER)",
+        "result = builder.scaled(1.0, word, reading=Reading.POWER)",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: exp far from zero",
+        "sw/ukf_sw/elementary/exponential.py",
+        "factor, word, reading=Reading.POWER, addend=Addend.PLUS_ZERO,\n"
+        "            condition=Condition.FINITE, into=result,",
+        "factor, word, reading=Reading.POWER, addend=Addend.PLUS_ZERO,\n            into=result,",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: the small part of ln 2 comes last",
+        "sw/ukf_sw/elementary/exponential.py",
+        "high, *low = table.ln_2",
+        "*low, high = table.ln_2",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: log of numbers near 1 in binary16",
+        "sw/ukf_sw/elementary/exponential.py",
+        "if is_narrow(fmt):",
+        "if fmt.bias < 0:",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: log(0) is NaN",
+        "sw/ukf_sw/elementary/primitives.py",
+        "return np.where(word == 0.0, -np.inf, result)",
+        "return np.where(word == 0.0, np.nan, result)",
+        f"{ELEMENTARY} {LANE_FORMS}",
+    ),
+    Mutant(
+        "elementary: tanh is 1 a little early",
+        "sw/ukf_sw/elementary/exponential.py",
+        "plus=table.tanh_limit",
+        "plus=0.9 * table.tanh_limit",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: minus zero is below zero",
+        "sw/ukf_sw/elementary/selection.py",
+        "builder.sum(builder.sum(x, 0.0), y, subtract=True)",
+        "builder.sum(x, y, subtract=True)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: minus zero is below a constant zero",
+        "sw/ukf_sw/elementary/selection.py",
+        "y.value or -0.0",
+        "y.value",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: a NaN is lost in a maximum",
+        "sw/ukf_sw/elementary/selection.py",
+        "result = builder.sum(x, y)",
+        "result = builder.copied(x)",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: NaN is less than or equal",
+        "sw/ukf_sw/elementary/selection.py",
+        "return builder.copied(_difference(builder, y, x), negate=True)",
+        "return logical_not(builder, _difference(builder, y, x))",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: rounding of large numbers",
+        "sw/ukf_sw/elementary/selection.py",
+        "plus=-whole, sign=Sign.CLEAR",
+        "plus=-2.0 * whole, sign=Sign.CLEAR",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: floor forgets to step down",
+        "sw/ukf_sw/elementary/selection.py",
+        "result, 1.0, subtract=True, condition=Condition.NEGATIVE, where=rest, into=result",
+        "result, 1.0, subtract=True, condition=Condition.ODD, where=rest, into=result",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: products lose the sign of zero",
+        "sw/ukf_sw/elementary/primitives.py",
+        "Addend.MINUS_ZERO: -0.0}",
+        "Addend.MINUS_ZERO: 0.0}",
+        f"{ELEMENTARY} {LANE_FORMS}",
+    ),
+    Mutant(
+        "elementary: the largest power is infinite",
+        "sw/ukf_sw/elementary/primitives.py",
+        "(exponent > fmt.bias), np.inf, result)",
+        "(exponent >= fmt.bias), np.inf, result)",
+        LANE_FORMS,
+    ),
+    Mutant(
+        "elementary: NaN is negative",
+        "sw/ukf_sw/elementary/primitives.py",
+        "return np.signbit(values) & ~np.isnan(values)",
+        "return np.signbit(values) | np.isnan(values)",
+        f"{ELEMENTARY} {LANE_FORMS}",
+    ),
+    Mutant(
+        "elementary: the polynomial's coefficients in the other order",
+        "sw/ukf_sw/elementary/sequence.py",
+        "for coefficient in reversed(rest):",
+        "for coefficient in rest:",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: what is not a number of the format goes in",
+        "sw/ukf_sw/elementary/sequence.py",
+        "if wrong.any():",
+        "if wrong.all():",
+        ELEMENTARY,
+    ),
+    Mutant(
+        "elementary: NaN within the domain is no error",
+        "docs/ukf_docs/studies/elementary.py",
+        "return 0.0 if gmpy2.is_nan(exact) or not inside else inf",
+        "return 0.0",
+        ACCURACY,
+    ),
+    Mutant(
+        "elementary: formats without coefficients have those of binary32",
+        "sw/ukf_sw/elementary/coefficients/__init__.py",
+        "if fmt.name not in records:",
+        "if fmt.name not in records and fmt.width > 64:",
+        ELEMENTARY,
+    ),
     Mutant(
         "sensors: a bad pivot is reported as a row of the first sensor",
         "sw/ukf_sw/engine/programs.py",

@@ -3,6 +3,7 @@
 from ukf_docs.studies import (
     baseline,
     bench,
+    elementary,
     growth,
     iteration,
     numerics,
@@ -17,6 +18,6 @@ STUDIES = {
     study.name: study
     for study in (
         resources.STUDY, growth.STUDY, routing.STUDY, bench.STUDY, numerics.STUDY, rounding.STUDY,
-        iteration.STUDY, baseline.STUDY,
+        iteration.STUDY, baseline.STUDY, elementary.STUDY,
     )
 }  # fmt: skip
