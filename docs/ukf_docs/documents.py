@@ -5,12 +5,13 @@ again in seconds, and a test demands that they are current. Those of docs/applic
 :mod:`ukf_docs.applications` makes are of a run of all applications instead.
 """
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-
-from typer.testing import CliRunner
 
 from ukf_docs import DOCS, README
 from ukf_docs.markdown import table, thousands
@@ -25,7 +26,6 @@ from ukf_sw.engine.mnemonics import Mnemonics
 from ukf_sw.problems.systems.nanosat import NANOSAT
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program, Routine
-from ukf_tools.cli import app as commands
 from ukf_tools.design_report import paper_2018
 from ukf_tools.vivado.commands import COMMANDS, PROPERTIES, VERSIONS
 
@@ -84,10 +84,11 @@ def _listing() -> str:
 
 
 def _printed(*arguments: str) -> str:
-    """What a command prints on 100 columns."""
-    done = CliRunner().invoke(commands, arguments, env={"COLUMNS": "100"})
-    if done.exception is not None:
-        raise done.exception
+    """What a command prints on 100 columns, in a process of its own: a console has one width."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ukf_tools", *arguments], env={**os.environ, "COLUMNS": "100"},
+        capture_output=True, encoding="utf-8", check=True,
+    )  # fmt: skip
     return "".join(f"{line.rstrip()}\n" for line in done.stdout.splitlines())
 
 

@@ -745,3 +745,21 @@ def test_a_z_beyond_the_format_stays_without_a_finite_gate():
     driver.redraw()
     with pytest.raises(NotFiniteError, match=r"z is inf in row 0"):
         driver.update(points, np.array([np.inf, 0.0]), np.array([True, True]))
+
+
+@pytest.mark.parametrize("W0", [0.0, 0.5])
+def test_points_of_another_shape_are_refused_before_the_core_is_asked(W0):
+    """With W0 = 0 there is no point 0, which software may not know yet."""
+    params = replace(NANOSAT, W0=W0)
+    driver, _, _ = start(params)
+    driver.sigma_points()
+    n, m, count = params.n, params.m, len(params.points)
+    before = driver.traffic
+    for columns in (count - 1, count + 1):
+        message = rf"^points must have the shape \(7, {count}\), not \(7, {columns}\)$"
+        with pytest.raises(ValueError, match=message):
+            driver.predict(np.ones((n, columns)))
+        message = rf"^points must have the shape \(6, {count}\), not \(6, {columns}\)$"
+        with pytest.raises(ValueError, match=message):
+            driver.update(np.ones((m, columns)), np.ones(m), np.ones(m, dtype=np.bool_))
+    assert driver.traffic == before

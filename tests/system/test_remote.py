@@ -47,7 +47,7 @@ def test_script_runs_on_the_simulated_core(icarus, tmp_path, monkeypatch):
     assert driver.last_cycles["UPDATE"] > 0
     # Errors of the core arrive as they do from any other backend.
     with pytest.raises(NotFiniteError):
-        driver.predict(np.full((1, TINY.N), np.inf))
+        driver.predict(np.full((1, len(TINY.points)), np.inf))
 
     bus = driver._bus
     assert isinstance(bus, RemoteBus)

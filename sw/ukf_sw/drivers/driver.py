@@ -704,9 +704,12 @@ class Driver:
 
         Raises
         ------
+        ValueError
+            If the points have another shape.
         StepError
             If the step fails.
         """
+        self._check_shape(points, self._params.n)
         words = self._codec.to_words(points.reshape(-1))
         given = self._codec.from_words(words).reshape(points.shape)
         with self._certainty:
@@ -750,11 +753,14 @@ class Driver:
 
         Raises
         ------
+        ValueError
+            If the points have another shape.
         SingularObservationError
             If a row is one number for all sigma points and has no noise.
         StepError
             If the step fails.
         """
+        self._check_shape(points, len(self._params.rows_of(sensor)))
         largest = self._params.format.max_finite
         beyond = mask & (np.abs(z) > largest) & np.isfinite(z)
         if self._gate is not None and np.isfinite(self._codec.from_words(self._gate)[0]):
@@ -794,6 +800,12 @@ class Driver:
             if self._params.format.bus_words == 2:
                 found.append(self._read_register(NIS_HIGH))
         return float(self._codec.from_words(np.array(found, dtype=np.uint32))[0]), gated
+
+    def _check_shape(self, points: Array, rows: int) -> None:
+        """Check that there is a column for each sigma point with a weight."""
+        shape = rows, len(self._params.points)
+        if points.shape != shape:
+            raise ValueError(f"points must have the shape {shape}, not {points.shape!r}")
 
     def _check_varies(self, words: Words, mask: NDArray[np.bool_], sensor: int) -> None:
         """Refuse a row that is one number for all sigma points and has no noise.

@@ -189,4 +189,4 @@ def _print_choices(core: Core, choices: "list[Choice]") -> None:
     results.print(table)
     good = ", ".join(str(each.pes) for each in choices if each.recommended)
     fastest = min(choices, key=lambda each: (each.cycles, each.pes))
-    results.print(f"Recommended: {good}. Fastest: {fastest.pes}. {RULE}")
+    results.print(f"Recommended: {good}. Fastest: {fastest.pes}. {RULE}", soft_wrap=True)
