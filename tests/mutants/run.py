@@ -226,7 +226,7 @@ MUTANTS = [
         "elementary: tanh is 1 a little early",
         "sw/ukf_sw/elementary/exponential.py",
         "plus=table.tanh_limit",
-        "plus=0.9 * table.tanh_limit",
+        "plus=0.8 * table.tanh_limit",
         ACCURACY,
     ),
     Mutant(
