@@ -2,8 +2,9 @@
 
 There are no interlocks in the hardware, so the schedule is what makes a program right. Operations
 are placed one by one, the one with the longest chain of successors first, each on the earliest
-clock on which its operands are there and no stage that it passes through is taken; operations of
-less urgency fill the gaps. Clocks taken are bits of one large integer per stage, so that a search
+clock on which its operands are there and no stage that it passes through is taken, or a little
+later if that keeps lanes and dot products apart; operations of less urgency fill the gaps. Several
+strategies are tried. Clocks taken are bits of one large integer per stage, so that a search
 is a few shifts however full the schedule is.
 """
 
@@ -304,7 +305,7 @@ class _Scheduler:
     def __init__(self, operations: Sequence[Operation], timing: Timing) -> None:
         self._timing = timing
         self._demands = [_demand(operation, timing) for operation in operations]
-        self._finish = [_finish(operation, timing) for operation in operations]
+        self._finish = [timing.end(operation) for operation in operations]
         self._waiting: list[int] = []
         self._successors: list[list[tuple[int, int]]] = [[] for _ in operations]
         for index, edges in enumerate(dependences(operations, timing)):
@@ -348,9 +349,3 @@ class _Scheduler:
                 if not left[successor]:
                     heapq.heappush(heap, (-urgency[successor], successor))
         return issue
-
-
-def _finish(operation: Operation, timing: Timing) -> int:
-    """Clocks from issue until everything that the operation writes is written."""
-    end = timing.result(operation) + 1
-    return end + (timing.pipeline.reciprocal_sqrt if operation.root else 0)

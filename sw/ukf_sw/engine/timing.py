@@ -81,3 +81,7 @@ class Timing:
                 return LOAD_LATENCY
             case Route.LANES | Route.LAST_LANE:
                 return self.lanes
+
+    def end(self, operation: Operation) -> int:
+        """Clocks from the first issue until all that the operation writes is written."""
+        return self.result(operation) + 1 + (self.pipeline.reciprocal_sqrt if operation.root else 0)

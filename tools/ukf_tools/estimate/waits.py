@@ -11,7 +11,6 @@ from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
 
-from ukf_sw.engine.operations import Operation
 from ukf_sw.engine.scheduler import Schedule, dependences
 from ukf_tools.estimate.occupancy import Stage, StageKind, occupancy, stages
 
@@ -88,7 +87,7 @@ class Waits:
             max([0, *(plan.issue[before] + distance for before, distance in edges)])
             for edges in self.predecessors
         ]
-        self.ends = [self._end(operation) for operation in plan.operations]
+        self.ends = [plan.timing.end(operation) for operation in plan.operations]
         taken = occupancy(plan)
         self._issued = taken[Stage(StageKind.ISSUE)]
         #: What each operation passes through: the clocks that are taken, when, and the reason.
@@ -96,11 +95,6 @@ class Waits:
             [(taken[stage], offset, Reason[stage.kind.name]) for stage, offset in uses]
             for uses in (stages(operation, plan.timing) for operation in plan.operations)
         ]
-
-    def _end(self, operation: Operation) -> int:
-        timing = self.plan.timing
-        root = timing.pipeline.reciprocal_sqrt if operation.root else 0
-        return timing.result(operation) + root + 1
 
     def longest_chain(self) -> int:
         """Give the clocks that the dependences alone demand: with stages without limit."""
