@@ -11,9 +11,10 @@ from ukf_sw.elementary import (
     selection,
     trigonometric,
 )
-from ukf_sw.elementary.primitives import Reading
-from ukf_sw.elementary.sequence import Operand, Sequence, SequenceBuilder
+from ukf_sw.elementary.sequence import Sequence, SequenceBuilder
 from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.forms import Reading
+from ukf_sw.spec.model_programs import Operand
 
 __all__ = ["FUNCTIONS", "Function", "needs_exponents", "sequence"]
 

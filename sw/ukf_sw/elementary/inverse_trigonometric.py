@@ -3,9 +3,10 @@
 from math import pi
 
 from ukf_sw.elementary.coefficients import coefficients
-from ukf_sw.elementary.primitives import Addend, Condition, Root, Sign
 from ukf_sw.elementary.quotients import larger_and_smaller, ratio, reciprocal
-from ukf_sw.elementary.sequence import SequenceBuilder, Temporary
+from ukf_sw.elementary.sequence import SequenceBuilder
+from ukf_sw.spec.forms import Addend, Condition, Root, Sign
+from ukf_sw.spec.model_programs import Temporary
 
 __all__ = ["arccos", "arcsin", "arctan", "arctan2"]
 

@@ -1,7 +1,8 @@
 """Quotients and roots."""
 
-from ukf_sw.elementary.primitives import Condition, Root, Sign
-from ukf_sw.elementary.sequence import Operand, SequenceBuilder, Temporary
+from ukf_sw.elementary.sequence import SequenceBuilder
+from ukf_sw.spec.forms import Condition, Root, Sign
+from ukf_sw.spec.model_programs import Operand, Temporary
 
 __all__ = ["divide", "hypot", "integer_power", "larger_and_smaller", "ratio", "reciprocal", "sqrt"]
 

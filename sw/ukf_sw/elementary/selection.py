@@ -5,8 +5,9 @@ mask may be anything. Comparisons are right for all numbers, also for zeros and 
 difference is flushed; but an infinity compares with itself as NaN does, because the difference is.
 """
 
-from ukf_sw.elementary.primitives import Condition, Sign
-from ukf_sw.elementary.sequence import Constant, Operand, SequenceBuilder, Temporary
+from ukf_sw.elementary.sequence import SequenceBuilder
+from ukf_sw.spec.forms import Condition, Sign
+from ukf_sw.spec.model_programs import Constant, Operand, Temporary
 
 __all__ = [
     "absolute",

@@ -16,87 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sw.elementary.primitives import (
-    Addend,
-    Condition,
-    Form,
-    Multiplier,
-    Reading,
-    Root,
-    Sign,
-    evaluate_root,
-    round_constant,
-)
+from ukf_sw.elementary.execution import execute
+from ukf_sw.elementary.primitives import round_constant
 from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
+from ukf_sw.spec.model_programs import Constant, Operand, RootStep, SlotStep, Step, Temporary
 
-__all__ = [
-    "Constant",
-    "Operand",
-    "RootStep",
-    "Sequence",
-    "SequenceBuilder",
-    "SlotStep",
-    "Step",
-    "Temporary",
-]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Temporary:
-    """A word of every lane; two temporaries are the same only if they are one object."""
-
-    number: int
-
-
-@dataclass(frozen=True, slots=True)
-class Constant:
-    """A number of the format; as word 0 or 1 it is the same in all lanes."""
-
-    value: float
-
-
-Operand = Temporary | Constant
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlotStep:
-    """One issue slot.
-
-    Parameters
-    ----------
-    form
-        What it computes and writes.
-    destination
-        Temporary that it writes.
-    word_0, word_1, scalar
-        Operands; None if the form does not use one.
-    """
-
-    form: Form
-    destination: Temporary
-    word_0: Operand | None = None
-    word_1: Operand | None = None
-    scalar: Constant | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RootStep:
-    """The numbers of a word, one after the other through the unit 1/sqrt.
-
-    Parameters
-    ----------
-    root
-        What the unit gives.
-    destination, source
-        Temporary that takes the results, and where the numbers are.
-    """
-
-    root: Root
-    destination: Temporary
-    source: Temporary
-
-
-Step = SlotStep | RootStep
+__all__ = ["Sequence", "SequenceBuilder"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,13 +52,15 @@ class Sequence:
     @property
     def loads(self) -> int:
         """How many words stream through the unit 1/sqrt, a load for every column."""
-        return len(self.steps) - self.slots
+        return sum(isinstance(step, RootStep) for step in self.steps)
 
     @property
     def scalars(self) -> frozenset[float]:
         """Constants that are scalars."""
         return frozenset(
-            step.scalar.value for step in self.steps if isinstance(step, SlotStep) and step.scalar
+            step.scalar.value
+            for step in self.steps
+            if isinstance(step, SlotStep) and isinstance(step.scalar, Constant)
         )
 
     @property
@@ -184,25 +112,13 @@ class Sequence:
                 raise ValueError(f"inputs must be numbers of {self.fmt.name}, not {worst!r}")
             values[temporary] = number
 
-        def read(operand: Operand | None) -> NDArray[np.float64]:
-            if isinstance(operand, Temporary):
-                return values[operand]
-            return np.array([operand.value if operand else 0.0])
-
-        # Products of what is infinite or overflows are meant.
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in self.steps:
-                if isinstance(step, RootStep):
-                    result = evaluate_root(self.fmt, step.root, values[step.source])
-                else:
-                    result = step.form.evaluate(
-                        self.fmt, read(step.word_0), read(step.word_1), read(step.scalar),
-                        values.get(step.destination, np.nan),
-                    )  # fmt: skip
-                values[step.destination] = result
+        execute(self.fmt, self.steps, values)
         count = int(np.prod(shape, dtype=np.int64))
         return tuple(
-            np.broadcast_to(read(output), (count,)).reshape(shape) for output in self.outputs
+            np.broadcast_to(
+                values[output] if isinstance(output, Temporary) else output.value, (count,)
+            ).reshape(shape)
+            for output in self.outputs
         )
 
 
@@ -251,7 +167,7 @@ class SequenceBuilder:
         form: Form,
         word_0: Operand | float | None = None,
         word_1: Operand | float | None = None,
-        scalar: float | None = None,
+        scalar: Operand | float | None = None,
         *,
         into: Temporary | None = None,
     ) -> Temporary:
@@ -277,7 +193,7 @@ class SequenceBuilder:
             SlotStep(
                 form=form, destination=destination, word_0=self._operand(word_0),
                 word_1=self._operand(word_1),
-                scalar=None if scalar is None else self.constant(scalar),
+                scalar=self._operand(scalar),
             )
         )  # fmt: skip
         return destination
@@ -306,7 +222,7 @@ class SequenceBuilder:
 
     def scaled(
         self,
-        s: float,
+        s: Operand | float,
         b: Operand | float,
         *,
         plus: Operand | float | None = None,
@@ -330,7 +246,7 @@ class SequenceBuilder:
 
     def product_plus(
         self,
-        s: float,
+        s: Operand | float,
         a: Operand | float,
         b: Operand | float,
         *,
@@ -355,7 +271,7 @@ class SequenceBuilder:
     def shifted(
         self,
         a: Operand,
-        s: float,
+        s: Operand | float,
         *,
         subtract: bool = False,
         sign: Sign = Sign.KEEP,
@@ -372,7 +288,7 @@ class SequenceBuilder:
 
     def reflected(
         self,
-        s: float,
+        s: Operand | float,
         a: Operand,
         *,
         condition: Condition = Condition.ALWAYS,
@@ -383,7 +299,7 @@ class SequenceBuilder:
         form = Form(addend=Addend.SCALAR, reading=Reading.ONE, subtract=True, condition=condition)
         return self.slot(form, a, where, s, into=into)
 
-    def complement(self, s: float, b: Operand) -> Temporary:
+    def complement(self, s: Operand | float, b: Operand) -> Temporary:
         """Give s - s * abs(b)."""
         form = Form(
             multiplier=Multiplier.SCALAR, addend=Addend.SCALAR, sign=Sign.CLEAR, subtract=True
@@ -406,7 +322,7 @@ class SequenceBuilder:
 
     def signed_one(
         self,
-        s: float,
+        s: Operand | float,
         sign_of: Operand,
         *,
         negate: bool = False,

@@ -9,10 +9,11 @@ because not all parts have the same sign.
 from math import pi
 
 from ukf_sw.elementary.coefficients import coefficients
-from ukf_sw.elementary.primitives import Condition, Sign
 from ukf_sw.elementary.quotients import reciprocal
-from ukf_sw.elementary.sequence import Operand, SequenceBuilder, Temporary
+from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.forms import Condition, Sign
+from ukf_sw.spec.model_programs import Operand, Temporary
 
 __all__ = ["angle_limit", "cos", "sin", "sincos", "tan"]
 

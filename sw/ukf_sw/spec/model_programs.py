@@ -1,0 +1,301 @@
+"""Models as programs of a core: steps of the array on temporaries, and where they begin and end.
+
+Every :class:`SlotStep` is one issue slot a beat, every :class:`RootStep` the stream of one word's
+numbers through the unit 1/sqrt, a :class:`PickStep` one load. Steps run in order. A temporary is a
+word of every lane; it may be written again, and a step with a condition writes some of its lanes
+only.
+
+:mod:`ukf_sw.lowering` makes programs of traced models; the core, its golden model and the models
+in C execute the same steps, so they give equal bits.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.forms import Form, Root
+
+__all__ = [
+    "NO_MODELS",
+    "Constant",
+    "CoreModels",
+    "ModelProgram",
+    "Operand",
+    "PickStep",
+    "RootStep",
+    "SlotStep",
+    "Source",
+    "SourceKind",
+    "Step",
+    "Temporary",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Temporary:
+    """A word of every lane, by its number in its program."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A number of the format; as word 0 or 1 it is the same in all lanes."""
+
+    value: float
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Constant) and self.value.hex() == other.value.hex()
+
+    def __hash__(self) -> int:
+        return hash(self.value.hex())
+
+
+Operand = Temporary | Constant
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlotStep:
+    """One issue slot.
+
+    Parameters
+    ----------
+    form
+        What it computes and writes.
+    destination
+        Temporary that it writes.
+    word_0, word_1
+        Words; None if the form does not use one.
+    scalar
+        A constant, or a temporary that is the same in all lanes; None if the form uses none.
+    """
+
+    form: Form
+    destination: Temporary
+    word_0: Operand | None = None
+    word_1: Operand | None = None
+    scalar: Operand | None = None
+
+    @property
+    def reads(self) -> tuple[Temporary, ...]:
+        """Temporaries that it reads; one that it writes some lanes of is not among them."""
+        return tuple(
+            operand
+            for operand in (self.word_0, self.word_1, self.scalar)
+            if isinstance(operand, Temporary)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RootStep:
+    """The numbers of a word, one after the other through the unit 1/sqrt.
+
+    Parameters
+    ----------
+    root
+        What the unit gives.
+    destination, source
+        Temporary that takes the results, and where the numbers are.
+    """
+
+    root: Root
+    destination: Temporary
+    source: Temporary
+
+    @property
+    def reads(self) -> tuple[Temporary, ...]:
+        """Temporaries that it reads."""
+        return (self.source,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PickStep:
+    """The number of the sigma point that angles are wrapped to, in all lanes of a word.
+
+    Parameters
+    ----------
+    destination, source
+        Temporary that takes the number, and the one that it is of.
+    """
+
+    destination: Temporary
+    source: Temporary
+
+    @property
+    def reads(self) -> tuple[Temporary, ...]:
+        """Temporaries that it reads."""
+        return (self.source,)
+
+
+Step = SlotStep | RootStep | PickStep
+
+
+class SourceKind(Enum):
+    """What an input of a program is."""
+
+    STATE = "x"  #: A row of X.
+    NOISE = "noise"  #: A row of W, of f, or of V, of h.
+    MEASUREMENT = "z"  #: An observation: it lies beside the row of Z, in its last column.
+    INPUT = "u"  #: A number of region U, the same at all sigma points.
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """An input of a program.
+
+    Parameters
+    ----------
+    kind, index
+        What it is, and which: row, or place in region U.
+    """
+
+    kind: SourceKind
+    index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelProgram:
+    """A model as a program of the array.
+
+    Parameters
+    ----------
+    title
+        What it is, for people: f, or h of a sensor.
+    fmt
+        Number format.
+    inputs
+        What is in temporaries before the first step.
+    steps
+        In order.
+    outputs
+        Rows of the result: of X, or of Z.
+    angles
+        Rows that are angles: the last steps have wrapped them.
+    """
+
+    title: str
+    fmt: FloatFormat
+    inputs: tuple[tuple[Temporary, Source], ...]
+    steps: tuple[Step, ...]
+    outputs: tuple[Operand, ...]
+    angles: tuple[int, ...] = ()
+
+    @cached_property
+    def common(self) -> frozenset[Temporary]:
+        """Temporaries that are the same at all sigma points: one word, and not one for each beat.
+
+        They depend on inputs of region U and on constants alone.
+        """
+        own = {
+            temporary for temporary, source in self.inputs if source.kind is not SourceKind.INPUT
+        }
+        count = -1
+        while count != len(own):
+            count = len(own)
+            for step in self.steps:
+                if not isinstance(step, PickStep) and not own.isdisjoint(step.reads):
+                    own.add(step.destination)
+        every = {temporary for temporary, _ in self.inputs}
+        every.update(step.destination for step in self.steps)
+        return frozenset(every - own)
+
+    @cached_property
+    def forms(self) -> frozenset[Form]:
+        """Forms that its slots have."""
+        return frozenset(step.form for step in self.steps if isinstance(step, SlotStep))
+
+    @cached_property
+    def roots(self) -> frozenset[Root]:
+        """What it asks of the unit 1/sqrt."""
+        return frozenset(step.root for step in self.steps if isinstance(step, RootStep))
+
+    @cached_property
+    def scalars(self) -> tuple[float, ...]:
+        """Constants that are scalars, each once, in the order of their use."""
+        found = dict.fromkeys(
+            step.scalar
+            for step in self.steps
+            if isinstance(step, SlotStep) and isinstance(step.scalar, Constant)
+        )
+        return tuple(constant.value for constant in found)
+
+    @cached_property
+    def words(self) -> tuple[float, ...]:
+        """Constants that are words, each once, in the order of their use."""
+        found: dict[Constant, None] = {}
+        for step in self.steps:
+            if isinstance(step, SlotStep):
+                for word in (step.word_0, step.word_1):
+                    if isinstance(word, Constant):
+                        found[word] = None
+        for output in self.outputs:
+            if isinstance(output, Constant):
+                found[output] = None
+        return tuple(constant.value for constant in found)
+
+    @property
+    def slots(self) -> int:
+        """Issue slots of every beat."""
+        return sum(
+            isinstance(step, SlotStep) and step.destination not in self.common
+            for step in self.steps
+        )
+
+    @property
+    def streams(self) -> int:
+        """How many words stream through the unit 1/sqrt, a load for every sigma point."""
+        return sum(
+            isinstance(step, RootStep) and step.destination not in self.common
+            for step in self.steps
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoreModels:
+    """The models that a core evaluates; what is missing, software does.
+
+    Parameters
+    ----------
+    f
+        Process model, or None.
+    h
+        Observation models of each sensor, one for each combination of its constants; or empty.
+    inputs
+        Names of the numbers in region U.
+    """
+
+    f: ModelProgram | None = None
+    h: tuple[tuple[ModelProgram, ...], ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.f, self.h, self.inputs))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __bool__(self) -> bool:
+        return self.f is not None or bool(self.h)
+
+    def __iter__(self) -> Iterator[ModelProgram]:
+        if self.f is not None:
+            yield self.f
+        for programs in self.h:
+            yield from programs
+
+    @cached_property
+    def forms(self) -> frozenset[Form]:
+        """Forms that their slots have."""
+        return frozenset(form for program in self for form in program.forms)
+
+    @cached_property
+    def roots(self) -> frozenset[Root]:
+        """What they ask of the unit 1/sqrt."""
+        return frozenset(root for program in self for root in program.roots)
+
+
+#: Of a core whose models run in software.
+NO_MODELS = CoreModels()
