@@ -12,18 +12,23 @@ from ukf_sw.engine.microcode import Microcode, microcode
 from ukf_sw.engine.mnemonics import Mnemonics
 from ukf_sw.engine.operations import Beat, Kind
 from ukf_sw.engine.programs import build_program
+from ukf_sw.spec.forms import Root
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
 
 
 def marks_of(operation):
     """Marks of the result of an operation of the list."""
-    row = operation.pivot if operation.pivot is not None else operation.coupling
+    rows = (operation.pivot, operation.coupling, operation.model_row)
+    row = next((row for row in rows if row is not None), None)
     marks = {
         "row": row,
         "coupling": None if operation.coupling is None else 1,
         "innovation": 1 if operation.innovation else None,
         "nis": 1 if operation.is_nis else None,
+        "of_model": None if operation.model_row is None else 1,
+        "unchecked": 1 if operation.unchecked else None,
+        "signed": 1 if operation.root_kind is Root.SIGNED else None,
     }
     assert set(marks) == set(MARKS)
     return {mark: value for mark, value in marks.items() if value is not None}

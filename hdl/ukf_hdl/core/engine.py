@@ -124,8 +124,9 @@ class Engine(wiring.Component):
         lanes = []
         for lane in range(self._params.pes):
             element = ProcessingElement(
-                self._params.format, self._code.pipeline, [int(w) for w in words[lane]]
-            )
+                self._params.format, self._code.pipeline, [int(w) for w in words[lane]],
+                self._code.format.present(STEERING),
+            )  # fmt: skip
             m.submodules[f"lane_{lane}"] = element
             lanes.append(element)
         return lanes
@@ -307,10 +308,12 @@ class Engine(wiring.Component):
     def _elaborate_operands(self, m, word, scalar, lanes):
         """Addresses and steering, the same for all lanes."""
         width = self.layout.address_width
-        operands = OperandSignature(self._params.format, width).create(path=("operands",))
+        names = self._code.format.present(STEERING)
+        signature = OperandSignature(self._params.format, width, names)
+        operands = signature.create(path=("operands",))
         bank_0 = word.bank_state_0 & self.banks.state | word.bank_factor_0 & self.banks.factor
         bank_1 = word.bank_factor_1 & self.banks.factor
-        steering = self._delay(m, Cat(word[name] for name in STEERING), 1, "steering")
+        steering = self._delay(m, Cat(word[name] for name in names), 1, "steering")
         with m.If(self.busy):
             m.d.comb += operands.address_0.eq(word.address_0 | bank_0 << (width - 1))
         with m.Else():

@@ -9,7 +9,6 @@ from ukf_hdl.arithmetic.float_adder import FloatAdder
 from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
 from ukf_hdl.memory_style import ram_style
-from ukf_sw.engine.control_word import STEERING
 
 __all__ = ["OperandSignature", "ProcessingElement", "WriteSignature"]
 
@@ -23,6 +22,8 @@ class OperandSignature(wiring.Signature):
         Number format.
     address_width : :class:`int`
         Width of an address within a lane.
+    steering : iterable of :class:`str`
+        Those of :data:`STEERING` that there are.
 
     Members
     -------
@@ -30,16 +31,16 @@ class OperandSignature(wiring.Signature):
         Words to read.
     scalar : :py:`Out(fmt.width)`
         Scalar operand.
-    steering : :py:`Out(StructLayout(STEERING))`
+    steering : :py:`Out(StructLayout(...))`
         Steering of the operands.
     """
 
-    def __init__(self, fmt, address_width):
+    def __init__(self, fmt, address_width, steering):
         super().__init__({
             "address_0": Out(address_width),
             "address_1": Out(address_width),
             "scalar":    Out(fmt.width),
-            "steering":  Out(data.StructLayout(STEERING)),
+            "steering":  Out(data.StructLayout(dict.fromkeys(steering, 1))),
         })  # fmt: skip
 
 
@@ -100,6 +101,8 @@ class ProcessingElement(wiring.Component):
         Depths of multiplier and adder.
     words : :class:`list` of :class:`int`
         Initial contents of the memory; as many as it has words.
+    steering : iterable of :class:`str`
+        Those of :data:`ukf_sw.engine.control_word.STEERING` that there are.
 
     Members
     -------
@@ -119,13 +122,13 @@ class ProcessingElement(wiring.Component):
         What would be written is neither infinite nor NaN.
     """
 
-    def __init__(self, fmt, pipeline, words):
+    def __init__(self, fmt, pipeline, words, steering):
         self._fmt = fmt
         self._pipeline = pipeline
         self._words = words
         address_width = (len(words) - 1).bit_length()
         super().__init__({
-            "operands":     In(OperandSignature(fmt, address_width)),
+            "operands":     In(OperandSignature(fmt, address_width, steering)),
             "word_0":       Out(fmt.width),
             "drop_product": In(1),
             "in_tree":      In(1),

@@ -76,7 +76,7 @@ class Sequencer(wiring.Component):
                 unpacker.sensor.eq(self.sensor),
                 unpacker.run.eq(running),
             ]
-            for name in half.fields:
+            for name in self._microcode.format.present(half.fields):
                 m.d.sync += self.word[name].eq(Mux(running, unpacker.word[name], 0))
         with m.If(ends | self.stop):
             m.d.sync += self.word.eq(0)

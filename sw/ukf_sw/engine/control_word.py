@@ -6,7 +6,7 @@ that steer the adders in between. In the program memory each half is packed by i
 :mod:`ukf_sw.engine.packets`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -14,7 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["READ", "STEERING", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half"]
+from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
+from ukf_sw.spec.model_programs import CoreModels
+
+__all__ = [
+    "READ", "STEERING", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half",
+    "fields_of_models", "steering",
+]  # fmt: skip
 
 
 class BusSource(IntEnum):
@@ -61,9 +67,62 @@ class Half(NamedTuple):
     once: tuple[str, ...]
 
 
-#: Fields that steer the operands of the lanes, with their widths: they go to every processing
-#: element as they are, beside the words of their clock.
-STEERING = {"use_scalar": 1, "zero": 1, "subtract": 1}
+#: Fields of one bit that steer the operands and the writes of the lanes: they go to every
+#: processing element as they are, beside the words of their clock. The first three are enough for
+#: the filter; a core has those of the others that its models need.
+STEERING = (
+    "use_scalar", "zero", "subtract",
+    "minus_zero", "scalar_addend",
+    "one", "power", "exponent",
+    "clear_sign", "copy_sign", "turn_bit_0", "turn_bit_1",
+    "if_negative", "if_not_negative", "if_odd", "if_finite",
+)  # fmt: skip
+
+_ADDENDS = {
+    Addend.PLUS_ZERO: ("zero",), Addend.MINUS_ZERO: ("zero", "minus_zero"), Addend.WORD: (),
+    Addend.SCALAR: ("scalar_addend",),
+}  # fmt: skip
+_READINGS = {
+    Reading.NUMBER: (), Reading.ONE: ("one",), Reading.POWER: ("power",),
+    Reading.EXPONENT: ("exponent",),
+}  # fmt: skip
+_SIGNS = {
+    Sign.KEEP: (), Sign.CLEAR: ("clear_sign",), Sign.COPY: ("clear_sign", "copy_sign"),
+    Sign.BIT_0: ("turn_bit_0",), Sign.BIT_1: ("turn_bit_1",),
+}  # fmt: skip
+_CONDITIONS = {
+    Condition.ALWAYS: (), Condition.NEGATIVE: ("if_negative",),
+    Condition.NOT_NEGATIVE: ("if_not_negative",), Condition.ODD: ("if_odd",),
+    Condition.FINITE: ("if_finite",),
+}  # fmt: skip
+
+
+def steering(form: Form) -> dict[str, int]:
+    """Give the steering fields that a form sets."""
+    names = (
+        *(("use_scalar",) if form.multiplier is Multiplier.SCALAR else ()),
+        *_ADDENDS[form.addend],
+        *(("subtract",) if form.subtract else ()),
+        *_READINGS[form.reading],
+        *_SIGNS[form.sign],
+        *_CONDITIONS[form.condition],
+    )
+    return dict.fromkeys(names, 1)
+
+
+#: Fields that are in the control word only of a core whose models need them.
+_OF_MODELS = frozenset({*STEERING[3:], "of_model", "unchecked", "signed"})
+
+
+def fields_of_models(models: CoreModels) -> frozenset[str]:
+    """Give the fields of the control word that models need beside those of the filter."""
+    needed = {name for form in models.forms for name in steering(form)}
+    if models:
+        needed |= {"of_model", "unchecked"}
+    if Root.SIGNED in models.roots:
+        needed.add("signed")
+    return frozenset(needed & _OF_MODELS)
+
 
 READ = Half(
     name="read",
@@ -79,7 +138,8 @@ WRITE = Half(
     fields=(
         "write", "write_address", "write_bank_state", "write_bank_factor", "write_lanes",
         "write_bus", "bus_source", "scalar_write", "scalar_write_address", "lanes_observation",
-        "bus_observation", "row", "coupling", "innovation", "nis", "last",
+        "bus_observation", "row", "coupling", "innovation", "nis", "of_model", "unchecked",
+        "signed", "last",
     ),
     counting=("write_address",),
     once=(),
@@ -101,6 +161,8 @@ class ControlFormat:
         Number of lanes.
     observations, rows
         Number of observations, and of rows of the elimination.
+    of_models
+        Fields that are there for models: see :func:`fields_of_models`.
 
     Attributes
     ----------
@@ -111,6 +173,14 @@ class ControlFormat:
             Operand a is the scalar, else port 0.
         ``zero``, ``subtract``
             Operand c is zero, else port 0; the product is subtracted.
+        ``minus_zero``, ``scalar_addend``
+            The zero is minus zero; operand c is the scalar.
+        ``one``, ``power``, ``exponent``
+            What operand b is read as from port 1, as :mod:`ukf_sw.spec.forms` says.
+        ``clear_sign``, ``copy_sign``, ``turn_bit_0``, ``turn_bit_1``
+            What sign it gets: cleared, then that of word 0, then turned by a bit of word 0.
+        ``if_negative``, ``if_not_negative``, ``if_odd``, ``if_finite``
+            Which lanes write the result, when it is there.
         ``dot``, ``first``
             The adders form a tree; the accumulator starts from zero.
         ``select``
@@ -128,11 +198,18 @@ class ControlFormat:
             scalar bus; 0 if none.
         ``row``, ``coupling``
             1 + the row of the elimination whose pivot is on the scalar bus, or which the element
-            there couples to a row before it; 0 if neither.
+            there couples to a row before it, or that the lanes write as a result of a model; else
+            0.
         ``innovation``
             The lanes write the right-hand side of an update's elimination.
         ``nis``
             The scalar bus is the normalised innovation squared, or on the way to it; the last wins.
+        ``of_model``
+            The row is that of a result of a model.
+        ``unchecked``
+            What is written may be infinite or NaN.
+        ``signed``
+            What is on the scalar bus enters 1/sqrt as :attr:`ukf_sw.spec.forms.Root.SIGNED`.
         ``last``
             The program ends.
     width : int
@@ -148,6 +225,7 @@ class ControlFormat:
         pes: int,
         observations: int,
         rows: int,
+        of_models: Collection[str] = (),
     ) -> None:
         lanes_width = max((lane_sets - 1).bit_length(), 1)
         widths = {
@@ -156,15 +234,21 @@ class ControlFormat:
             "select": max(lanes_width, (pes - 1).bit_length()), "write_lanes": lanes_width,
             "bus_source": 2, "row": rows.bit_length(),
             "lanes_observation": observations.bit_length(),
-            "bus_observation": observations.bit_length(), **STEERING,
+            "bus_observation": observations.bit_length(),
         }  # fmt: skip
         self.fields: dict[str, ControlField] = {}
         lsb = 0
         for name in READ.fields + WRITE.fields:
+            if name in _OF_MODELS and name not in of_models:
+                continue
             width = widths.get(name, 1)
             self.fields[name] = ControlField(name, lsb, width)
             lsb += width
         self.width = lsb
+
+    def present(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Give those of some fields that the word has."""
+        return tuple(name for name in names if name in self.fields)
 
     def encode(self, values: dict[str, int]) -> int:
         """Give the word that has the given fields and all others zero.

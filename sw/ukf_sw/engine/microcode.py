@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ukf_sw.engine.control_word import READ, WRITE, BusSource, ControlFormat, Half
+from ukf_sw.engine.control_word import (
+    READ,
+    WRITE,
+    BusSource,
+    ControlFormat,
+    Half,
+    fields_of_models,
+)
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.packets import PacketStream, pack
@@ -244,6 +251,7 @@ class Microcode:
             pes=params.pes,
             observations=params.m,
             rows=params.m + params.n,
+            of_models=fields_of_models(params.models),
         )
         self._encoded = {routine: self._encode(code) for routine, code in self.programs.items()}
         for routine, words in self._encoded.items():

@@ -72,6 +72,8 @@ def _join(kind: Kind, a: str | None, s: str | None, b: str | None, *, subtract: 
             sign = "-" if subtract else "+"
             first = f"{a} {sign} " if a is not None else "-" * subtract
             return f"{first}{s} * {b}"
+        case Kind.SLOT:
+            return f"{a}, {s}, {b}"
 
 
 class Mnemonics:

@@ -10,6 +10,7 @@ the scheduler's affair.
 ``SCALE``          scalar = c + s * b or c - s * b, in the last lane only
 ``DOT``            scalar = sum of a * b over the lanes that each beat selects
 ``LOAD``           scalar = one lane of a word
+``SLOT``           destination = any other form of :mod:`ukf_sw.spec.forms`, lane by lane
 =================  =========================================================================
 
 :class:`Kind` is the one description of them: the way that an operation takes through the array
@@ -24,6 +25,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ukf_sw.engine.layout import Layout, Vector, Word
+from ukf_sw.spec.forms import Condition, Form, Root
 
 __all__ = ["Beat", "Kind", "Operation", "ProgramBuilder", "Route", "Scalar"]
 
@@ -56,6 +58,7 @@ class Kind(Enum):
     SCALE = "scale", Route.LAST_LANE, {"use_scalar": 1}
     DOT = "dot", Route.TREE, {"dot": 1}
     LOAD = "load", Route.PORT
+    SLOT = "slot", Route.LANES
 
     def __new__(cls, name: str, route: Route, steering: Mapping[str, int] | None = None) -> "Kind":
         """Make a kind whose value is its name."""
@@ -105,8 +108,11 @@ class Operation:
         Word written, and its lanes as a bit mask.
     result
         Scalar written.
-    root
-        Word that takes the reciprocal square root of the result, in all lanes.
+    form
+        What a SLOT computes and writes.
+    root, root_lanes, root_kind
+        Word that takes the reciprocal square root of the result, its lanes as a bit mask, and what
+        the unit gives of it.
     observation
         Observation that gates the result: zero is written if it is masked.
     pivot
@@ -118,6 +124,10 @@ class Operation:
         there comes of a large innovation.
     is_nis
         Whether the result is the normalised innovation squared, or on the way to it.
+    model_row
+        Row of the elimination, observations first, that the lanes write as a result of a model.
+    unchecked
+        Whether the result may be infinite or NaN.
     """
 
     kind: Kind
@@ -127,12 +137,22 @@ class Operation:
     destination: Word | None = None
     lanes: int = 0
     result: Scalar | None = None
+    form: Form | None = None
     root: Word | None = None
+    root_lanes: int = 0
+    root_kind: Root = Root.PLAIN
     observation: int | None = None
     pivot: int | None = None
     coupling: int | None = None
     innovation: bool = False
     is_nis: bool = False
+    model_row: int | None = None
+    unchecked: bool = False
+
+    @property
+    def keeps(self) -> bool:
+        """Whether some of the lanes may keep what the destination has."""
+        return self.form is not None and self.form.condition is not Condition.ALWAYS
 
 
 class ProgramBuilder:

@@ -76,7 +76,7 @@ class PacketFormat:
         self.half = half
         lsb = 0
         fields: list[ControlField] = []
-        for name in half.fields:
+        for name in control.present(half.fields):
             fields.append(ControlField(name, lsb, control.fields[name].width))
             lsb += fields[-1].width
         self.fields = tuple(fields)
@@ -177,8 +177,9 @@ class PacketStream:
         self.format = PacketFormat(control, half)
         self.packets: list[int] = []
         self.entry: dict[Routine, int] = {}
+        present = half._replace(fields=control.present(half.fields))
         for routine, words in programs.items():
             self.entry[routine] = len(self.packets)
             columns = control.decode(words)
-            matrix = np.stack([columns[name] for name in half.fields], axis=1)
-            self.packets += [self.format.encode(packet) for packet in pack(matrix, half)]
+            matrix = np.stack([columns[field.name] for field in self.format.fields], axis=1)
+            self.packets += [self.format.encode(packet) for packet in pack(matrix, present)]

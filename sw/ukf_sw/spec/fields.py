@@ -15,7 +15,8 @@ import numpy as np
 from ukf_sw.spec.float_format import FORMATS, FloatFormat
 
 __all__ = [
-    "Meaning", "Parameter", "as_bool", "as_int", "as_number", "check_parameters", "parameters_of",
+    "NO_PARAMETER", "Meaning", "Parameter", "as_bool", "as_int", "as_number", "check_parameters",
+    "parameters_of",
 ]  # fmt: skip
 
 #: What the kinds of parameters are called in messages, and the types that do for them.
@@ -25,6 +26,9 @@ _KINDS: dict[type, tuple[str, tuple[type, ...]]] = {
     bool: ("a bool", (bool, np.bool_)),
 }
 
+
+#: Metadata of a field that is no parameter: none that a user gives as an option, or sweeps.
+NO_PARAMETER = {"parameter": False}
 
 #: How a tuple without entries is written.
 NONE = "one"
@@ -234,11 +238,13 @@ def parameters_of(block: type[Any]) -> dict[str, Parameter]:
     Raises
     ------
     TypeError
-        If a field has no :class:`Meaning`.
+        If a field has no :class:`Meaning`, and is not marked as :data:`NO_PARAMETER`.
     """
     hints = get_type_hints(block, include_extras=True)
     found: dict[str, Parameter] = {}
     for each in fields(block):
+        if not each.metadata.get("parameter", True):
+            continue
         arguments = get_args(hints[each.name])
         if get_origin(hints[each.name]) is not Annotated or not isinstance(arguments[1], Meaning):
             raise TypeError(f"{block.__name__}.{each.name} must have a Meaning")

@@ -1,11 +1,12 @@
 """Parameters of the core: what it computes, and how it is built."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Annotated
 
-from ukf_sw.spec.fields import Meaning, check_parameters
+from ukf_sw.spec.fields import NO_PARAMETER, Meaning, check_parameters
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
+from ukf_sw.spec.model_programs import NO_MODELS, CoreModels
 
 __all__ = ["Form", "Noise", "Pipeline", "UkfParams"]
 
@@ -66,13 +67,15 @@ class UkfParams:
     pes
         Number of processing elements, 1 to :attr:`columns`. It decides the order of summation,
         so it belongs to what is computed.
+    models
+        Models that the core evaluates. By default all models run in software.
 
     Raises
     ------
     TypeError
         If a parameter is of the wrong kind.
     ValueError
-        If a parameter is out of range.
+        If a parameter is out of range, or a model is not one of these sizes.
     """
 
     n: Annotated[int, _size("States.", low=1)]
@@ -107,6 +110,7 @@ class UkfParams:
     pes: Annotated[
         int, Meaning("Processing elements.", low=1, words="{value} PE{s}", always=True)
     ] = 1
+    models: CoreModels = field(default=NO_MODELS, repr=False, metadata=NO_PARAMETER)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -132,6 +136,24 @@ class UkfParams:
             raise ValueError(
                 f"pes must be between 1 and the number of columns, {self.columns}, not {self.pes!r}"
             )
+        self._check_models()
+
+    def _check_models(self) -> None:
+        f, h = self.models.f, self.models.h
+        rows = [("f", len(f.outputs), self.n)] if f is not None else []
+        if h and len(h) != len(self.sensor_rows):
+            raise ValueError(f"models must have h of {len(self.sensor_rows)} sensors, not {len(h)}")
+        for programs, expected in zip(h, self.sensor_rows if h else (), strict=True):
+            rows += [(program.title, len(program.outputs), expected) for program in programs]
+        for title, found, expected in rows:
+            if found != expected:
+                raise ValueError(f"{title} of models must have {expected} rows, not {found}")
+        for program in self.models:
+            if program.fmt != self.format:
+                raise ValueError(
+                    f"{program.title} of models must be in the format {self.format.name}, not "
+                    f"{program.fmt.name}"
+                )
 
     @property
     def sensor_rows(self) -> tuple[int, ...]:

@@ -28,6 +28,8 @@ class ErrorCode(IntEnum):
     NOT_FINITE = 2
     SINGULAR_OBSERVATION = 3
     NOT_POSITIVE_DEFINITE = 4
+    MODEL_F = 5
+    MODEL_H = 6
 
     @property
     def meaning(self) -> str:
@@ -38,6 +40,8 @@ class ErrorCode(IntEnum):
             ErrorCode.NOT_FINITE: "NaN or infinity",
             ErrorCode.SINGULAR_OBSERVATION: "singular innovation covariance",
             ErrorCode.NOT_POSITIVE_DEFINITE: "covariance not positive definite",
+            ErrorCode.MODEL_F: "f gives NaN or infinity",
+            ErrorCode.MODEL_H: "h gives NaN or infinity",
         }[self]
 
 
@@ -262,7 +266,8 @@ ERROR = Register(
         Field(name="CODE", lsb=0, width=8, access=Access.RO,
               doc=", ".join(f"{code.value} {code.meaning}" for code in ErrorCode) + "."),
         Field(name="INDEX", lsb=8, width=8, access=Access.RO,
-              doc="Row of the bad pivot: of z for code 3, of x for code 4."),
+              doc="Row of the bad pivot, or of the result of a model: of z for the codes 3 and "
+                  "6, of x for 4 and 5."),
     ),
 )  # fmt: skip
 INTERRUPT_ENABLE = Register(
