@@ -80,7 +80,7 @@ def test_disassembly_is_the_operation_list(seed):
         )  # fmt: skip
         assert [said(entry) for entry in disassemble(code, *routine)] == wanted
         kinds |= {operation.kind for operation in operations}
-    assert kinds == set(Kind)
+    assert kinds == set(Kind) - {Kind.SLOT}  # that is for models
 
 
 @pytest.mark.parametrize("seed", range(10))
