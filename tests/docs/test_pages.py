@@ -27,7 +27,9 @@ def check(page, cache, **options):
 
 def marks_of(page):
     """Only some of the pages run the tools of the hardware."""
-    return [pytest.mark.system] if page.stem in WORKS else []
+    if page.stem not in WORKS:
+        return []
+    return [pytest.mark.system, *([] if page.stem == "own-model" else [pytest.mark.slow])]
 
 
 @pytest.mark.parametrize("page", [pytest.param(p, marks=marks_of(p)) for p in PAGES], ids=name_of)

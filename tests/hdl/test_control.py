@@ -51,7 +51,7 @@ PARAMS = [
             n=3, m=2, q=3, r=2, W0=0.1, format=BINARY64, process_noise=Noise.ADDITIVE,
             observation_noise=Noise.ADDITIVE,
         ),
-        id="double",
+        id="double", marks=pytest.mark.slow,
     ),
 ]  # fmt: skip
 

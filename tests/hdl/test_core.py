@@ -97,7 +97,7 @@ def test_wrong_params_are_rejected(args, message):
         ),
         pytest.param(
             UkfParams(n=2, m=2, pes=2, form=Form.COVARIANCE, format=BINARY16), FAST, 600,
-            id="covariance",
+            id="covariance", marks=pytest.mark.slow,
         ),
         pytest.param(
             UkfParams(

@@ -42,6 +42,8 @@ CONFIGURATIONS = [
     ),
 ]  # fmt: skip
 
+FORMS = [(Form.SQUARE_ROOT, 4), pytest.param(Form.COVARIANCE, 3, marks=pytest.mark.slow)]
+
 
 class Bench:
     """An engine and its golden model, driven alike."""
@@ -230,7 +232,7 @@ def test_bad_pivots_are_reported():
     simulate(params, pipeline, scenario)
 
 
-@pytest.mark.parametrize(("form", "pes"), [(Form.SQUARE_ROOT, 4), (Form.COVARIANCE, 3)])
+@pytest.mark.parametrize(("form", "pes"), FORMS)
 def test_a_pivot_that_is_rounding_noise_is_reported(form, pes):
     """Rows that depend on others leave rounding errors; precise sensors leave small pivots."""
     params, pipeline = UkfParams(n=2, m=3, r=3, form=form, pes=pes), Pipeline()
@@ -262,7 +264,7 @@ def test_a_pivot_that_is_rounding_noise_is_reported(form, pes):
     assert all(code != ErrorCode.SINGULAR_OBSERVATION for code, _ in errors[1:])
 
 
-@pytest.mark.parametrize(("form", "pes"), [(Form.SQUARE_ROOT, 4), (Form.COVARIANCE, 3)])
+@pytest.mark.parametrize(("form", "pes"), FORMS)
 def test_an_innovation_too_large_for_the_format_is_told_from_other_overflow(form, pes):
     params, pipeline = UkfParams(n=2, m=2, r=2, form=form, pes=pes), Pipeline()
     rng = np.random.default_rng(7)

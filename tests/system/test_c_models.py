@@ -76,6 +76,7 @@ def natively(problem, models, folder, steps, flags=PLAIN):
 
 @needs_cc
 @pytest.mark.system
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_sensors_on_the_verilog(ukf_with_cores, tmp_path, kind):
     """At different rates, at uneven intervals; the estimate goes through half a turn."""

@@ -195,8 +195,11 @@ def do_everything(cache, seed, rounds, sensors=1):
     check_counts(run_job(job, cache=cache, optimise=False).value, params)
 
 
-# One of each form; every format, and one sensor, are in the slow ones.
-@pytest.mark.parametrize(("seed", "sensors"), [(58, 3), (59, 2)])
+# Every form and format, and one sensor, are in the slow ones.
+@pytest.mark.parametrize(
+    ("seed", "sensors"),
+    [(346, 2), *(pytest.param(*core, marks=pytest.mark.slow) for core in ((58, 3), (59, 2)))],
+)
 def test_random_core(core_cache, seed, sensors):
     do_everything(core_cache, seed, rounds=12, sensors=sensors)
 

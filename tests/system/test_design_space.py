@@ -203,7 +203,7 @@ def test_result_under_a_wrong_name_is_none(cache):
 
 
 @pytest.mark.parametrize(
-    "flips", [400, pytest.param(10_000, marks=pytest.mark.slow)], ids=["some", "many"]
+    "flips", [150, pytest.param(10_000, marks=pytest.mark.slow)], ids=["some", "many"]
 )
 def test_no_flipped_bit_is_taken(cache, yosys, generator, flips):
     """In no kind of file: what is found is what was kept, or nothing, and it is found out again."""

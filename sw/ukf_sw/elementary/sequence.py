@@ -20,7 +20,15 @@ from ukf_sw.elementary.execution import execute
 from ukf_sw.elementary.primitives import round_constant
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
-from ukf_sw.spec.model_programs import Constant, Operand, RootStep, SlotStep, Step, Temporary
+from ukf_sw.spec.model_programs import (
+    Constant,
+    Operand,
+    PickStep,
+    RootStep,
+    SlotStep,
+    Step,
+    Temporary,
+)
 
 __all__ = ["Sequence", "SequenceBuilder"]
 
@@ -202,6 +210,12 @@ class SequenceBuilder:
         """Send the numbers of a word through the unit 1/sqrt."""
         destination = self._temporary()
         self.steps.append(RootStep(root=root, destination=destination, source=source))
+        return destination
+
+    def pick(self, source: Temporary) -> Temporary:
+        """Give the number of the sigma point that angles are wrapped to."""
+        destination = self._temporary()
+        self.steps.append(PickStep(destination=destination, source=source))
         return destination
 
     def product(

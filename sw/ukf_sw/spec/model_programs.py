@@ -137,7 +137,7 @@ class SourceKind(Enum):
 
     STATE = "x"  #: A row of X.
     NOISE = "noise"  #: A row of W, of f, or of V, of h.
-    MEASUREMENT = "z"  #: An observation: it lies beside the row of Z, in its last column.
+    MEASUREMENT = "z"  #: What was observed in a row.
     INPUT = "u"  #: A number of region U, the same at all sigma points.
 
 
@@ -171,8 +171,8 @@ class ModelProgram:
         In order.
     outputs
         Rows of the result: of X, or of Z.
-    angles
-        Rows that are angles: the last steps have wrapped them.
+    measurements
+        Observations that it changes, by row: it wraps angles.
     """
 
     title: str
@@ -180,7 +180,7 @@ class ModelProgram:
     inputs: tuple[tuple[Temporary, Source], ...]
     steps: tuple[Step, ...]
     outputs: tuple[Operand, ...]
-    angles: tuple[int, ...] = ()
+    measurements: tuple[tuple[int, Operand], ...] = ()
 
     @cached_property
     def common(self) -> frozenset[Temporary]:
@@ -230,7 +230,7 @@ class ModelProgram:
                 for word in (step.word_0, step.word_1):
                     if isinstance(word, Constant):
                         found[word] = None
-        for output in self.outputs:
+        for output in (*self.outputs, *(value for _, value in self.measurements)):
             if isinstance(output, Constant):
                 found[output] = None
         return tuple(constant.value for constant in found)

@@ -1,0 +1,13 @@
+"""From the graph of a traced model to a program of the array, and from that to C.
+
+::
+
+    from ukf_sw.lowering.program import lower
+
+    models = lower(trace_problem(problem), problem, BINARY32)
+
+The modules build on each other in this order::
+
+    arithmetic    operations of a graph as steps, products and sums joined where no bit changes
+    program       programs of the models of a problem, with the numbers that they are given
+"""
