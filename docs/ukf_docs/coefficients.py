@@ -15,9 +15,10 @@ from mpmath import mpf
 
 from ukf_docs.minimax import PRECISION, fit_polynomial, fit_rational
 from ukf_docs.studies.study import Tell
-from ukf_sw.elementary.primitives import exponent_step, is_narrow
+from ukf_sw.elementary.primitives import is_narrow
 from ukf_sw.engine import arithmetic
 from ukf_sw.spec.float_format import FORMATS, FloatFormat
+from ukf_sw.spec.forms import exponent_step
 
 __all__ = [
     "FILE",

@@ -388,6 +388,7 @@ struct field {
 #define WRONG_W0_LOW UKF_WRONG_FORMAT
 #define WRONG_W0_HIGH UKF_WRONG_FORMAT
 #define WRONG_SENSORS UKF_WRONG_SIZES
+#define WRONG_MODELS UKF_WRONG_FORMAT
 
 static enum ukf_result check_core(struct ukf_driver *driver)
 {

@@ -39,9 +39,12 @@ struct ukf_core {
     uint32_t covariance_form; /**< 0: square-root form, 1: covariance form. */
     uint32_t additive_q;      /**< Process noise is additive. */
     uint32_t additive_r;      /**< Observation noise is additive. */
+    uint32_t model_f;         /**< The core evaluates the process model. */
+    uint32_t model_h;         /**< The core evaluates the observation models. */
     uint32_t w0_low;          /**< Weight of sigma point 0, a binary64 number. */
     uint32_t w0_high;
     uint32_t sensors;         /**< Bit i: observation i is the first one of a sensor. */
+    uint32_t models;          /**< Says which models the core evaluates; 0 if none. */
     uint32_t points;          /**< Sigma points, point 0 included. */
     uint32_t element_bytes;   /**< Bytes of a number. */
     uint32_t row_stride;      /**< Bytes from a row to the next. */
@@ -56,6 +59,7 @@ struct ukf_core {
     uint32_t covariance;
     uint32_t process_noise_factor;
     uint32_t observation_noise_factor;
+    uint32_t inputs;
 };
 
 /** Rows that belong together, as those of a sensor. */

@@ -23,6 +23,7 @@ from ukf_sw.spec.registers import (
     INTERRUPT_ENABLE,
     INTERRUPT_PENDING,
     MASK,
+    MODELS,
     NIS_HIGH,
     NIS_LOW,
     REGISTERS,
@@ -141,6 +142,7 @@ class Model:
             W0_LOW: int(np.float64(p.W0).view(np.uint64)) & 0xFFFF_FFFF,
             W0_HIGH: int(np.float64(p.W0).view(np.uint64)) >> 32,
             SENSORS: 0b1101 if p.sensors else 1,
+            MODELS: 0,
         }[register]  # fmt: skip
 
     def clock(self, *, write=None, state_written=False, factor_written=False, done=None):

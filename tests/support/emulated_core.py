@@ -61,7 +61,15 @@ class EmulatedEngine:
             turned = bank * self.layout.bank_offset
             yield slice(start, stop), slice(start + turned, stop + turned)
 
-    def run(self, program, *, sensor=0, mask=-1, state_bank=0, factor_bank=0, stop_after=None):
+    def clocks(self, program, sensor=0, variant=0):
+        """Clocks that a program takes."""
+        return self._code.clocks(program, sensor, variant)
+
+    def run(
+        self, program, *, sensor=0, variant=0, mask=-1, state_bank=0, factor_bank=0,
+        stop_after=None,
+    ):  # fmt: skip
+        assert variant == 0, "models run in software here"
         assert stop_after is None, "steps end at once here"
         fmt = self.params.format
         before = fmt.decode(self.memory)

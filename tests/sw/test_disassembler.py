@@ -236,9 +236,7 @@ def test_listing_of_an_update(W0, first):
 
 
 @pytest.mark.parametrize("form", list(Form))
-@pytest.mark.parametrize(
-    "pes", [pytest.param(pes, marks=pytest.mark.slow) for pes in (4, 16, 32)]
-)
+@pytest.mark.parametrize("pes", [pytest.param(pes, marks=pytest.mark.slow) for pes in (4, 16, 32)])
 def test_lines_are_short(form, pes):
     """The largest core in a listing of 100 columns, of which 13 are clocks."""
     params = UkfParams(

@@ -25,6 +25,7 @@ from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS
 from ukf_sw.spec.memory_map import MemoryMap
+from ukf_sw.spec.model_programs import Constant, CoreModels, ModelProgram
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 from ukf_sw.spec.registers import (
     CONTROL,
@@ -138,6 +139,11 @@ OTHER = {
     "n": 3, "m": 3, "q": 1, "r": 1, "sensors": (1, 1), "process_noise": Noise.ADDITIVE,
     "observation_noise": Noise.ADDITIVE, "W0": 0.5 + 2**-53, "form": Form.COVARIANCE,
     "format": BFLOAT16,
+    "models": CoreModels(
+        f=ModelProgram(
+            title="f", fmt=BINARY32, inputs=(), steps=(), outputs=(Constant(0.0), Constant(0.0))
+        )
+    ),
 }  # fmt: skip
 
 

@@ -8,11 +8,19 @@ import pytest
 from ukf_sw.elementary import exponential, quotients, selection
 from ukf_sw.elementary.coefficients import coefficients
 from ukf_sw.elementary.functions import FUNCTIONS, needs_exponents, sequence
-from ukf_sw.elementary.primitives import exponent_step
 from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.elementary.trigonometric import angle_limit
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
-from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
+from ukf_sw.spec.forms import (
+    Addend,
+    Condition,
+    Form,
+    Multiplier,
+    Reading,
+    Root,
+    Sign,
+    exponent_step,
+)
 from ukf_sw.spec.model_programs import RootStep
 
 ALL_FORMATS = pytest.mark.parametrize("fmt", FORMATS.values(), ids=lambda fmt: fmt.name)

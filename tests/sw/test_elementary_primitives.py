@@ -6,10 +6,19 @@ import gmpy2
 import numpy as np
 import pytest
 
-from ukf_sw.elementary.primitives import evaluate, evaluate_root, exponent_step, is_narrow
+from ukf_sw.elementary.primitives import evaluate, evaluate_root, is_narrow
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
-from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
+from ukf_sw.spec.forms import (
+    Addend,
+    Condition,
+    Form,
+    Multiplier,
+    Reading,
+    Root,
+    Sign,
+    exponent_step,
+)
 
 FORMATS_TO_TRY = [
     *FORMATS.values(),

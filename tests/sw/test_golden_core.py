@@ -58,7 +58,8 @@ class FakeEngine(Interpreter):
         self.nis = 0
 
     def run(
-        self, program, *, sensor=0, mask=-1, state_bank=0, factor_bank=0, stop_after=None
+        self, program, *, sensor=0, variant=0, mask=-1, state_bank=0, factor_bank=0,
+        stop_after=None,
     ):  # fmt: skip
         self.sensors.append(sensor)
         self.ran.append((program, mask, state_bank, factor_bank, stop_after))

@@ -12,10 +12,10 @@ from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
 from ukf_sw.elementary.functions import FUNCTIONS, sequence
-from ukf_sw.elementary.primitives import exponent_step
 from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.elementary.trigonometric import angle_limit
 from ukf_sw.spec.float_format import BINARY32, FORMATS, FloatFormat
+from ukf_sw.spec.forms import exponent_step
 
 __all__ = [
     "DOMAINS",

@@ -9,6 +9,7 @@ from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.core.axi4_lite import AccessSignature
 from ukf_hdl.core.signatures import EstimateSignature, RunSignature
 from ukf_hdl.core.soc import csr, event
+from ukf_sw.engine.microcode import routines
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import UkfParams
 from ukf_sw.spec.registers import (
@@ -22,7 +23,20 @@ from ukf_sw.spec.registers import (
     Access,
     ErrorCode,
 )
-from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Bank, Flag, Program, Step
+from ukf_sw.spec.sequence import (
+    ENDINGS,
+    FOLLOWING,
+    HIDDEN,
+    OF_MODELS,
+    OF_SENSORS,
+    STEPS,
+    WAYS,
+    Bank,
+    Flag,
+    Program,
+    Step,
+    is_there,
+)
 
 __all__ = ["Control"]
 
@@ -112,7 +126,8 @@ class Control(wiring.Component):
 
     A step starts when exactly one start bit is written, with ENABLE set by then, while no step
     runs, and in sequence. :py:`run.start` follows one clock after the write takes effect. From
-    that clock until :py:`run.done`, both included, :py:`busy` is high and CYCLES counts. SIG_GEN
+    that clock until :py:`run.done`, both included, :py:`busy` is high and CYCLES counts. A step
+    goes on with another program starts it on the next clock. SIG_GEN
     with sigma points already there ends at once, without :py:`run.start` and without ever being
     busy.
 
@@ -248,15 +263,17 @@ class Control(wiring.Component):
             any_start.eq(starts.any() & ~reset),
         ]
 
-        # What is known of the memories, a bit for each Flag, and of the steps.
+        # What is known of the memories, a bit for each Flag, and of the steps. Steps that the core
+        # has not never run.
         flags = Signal(len(Flag))
         gated = Signal()
         ended = Signal(len(STEPS))
+        own = [step for step in STEPS if step not in OF_MODELS or self._has(step)]
         cycles = Signal(DATA_WIDTH)
         error_code = Signal(8)
         error_index = Signal(8)
         nis = Signal(self._params.format.width)
-        state = Signal(Step)
+        state = Signal(range(1 + max(own)))
         m.d.comb += self.busy.eq(state != Step.IDLE)
 
         # Events.
@@ -265,13 +282,16 @@ class Control(wiring.Component):
         self._elaborate_interrupt(m, fields, step_done, error_recorded)
 
         # Judgement of a start.
-        way = self._elaborate_ways(m, starts, flags)
-        sensor = control.SENSOR.w_data
-        is_there = (way.step != Step.UPDATE) | (sensor < len(self._params.sensor_rows))
+        way = self._elaborate_ways(m, own, starts, flags)
+        of_sensor = self._is_one(way.step, Step.UPDATE, Step.H, Step.ITERATE)
+        of_variant = self._is_one(way.step, Step.H, Step.ITERATE)
+        sensor = Mux(of_sensor, control.SENSOR.w_data, 0)
+        variant = Mux(of_variant, control.VARIANT.w_data, 0)
+        exists = self._elaborate_exists(m, of_variant, sensor, variant)
         launch = Signal()
         refuse = Signal()
         m.d.comb += [
-            launch.eq(any_start & way.legal & is_there & control.ENABLE.next & ~self.busy),
+            launch.eq(any_start & way.legal & exists & control.ENABLE.next & ~self.busy),
             refuse.eq(any_start & ~launch),
         ]
 
@@ -291,13 +311,13 @@ class Control(wiring.Component):
                 ended.eq(Mux(way.at_once, ended | starts, ended & ~starts)),
                 cycles.eq(0),
             ]
-            with m.If(way.step == Step.UPDATE):
+            with m.If(of_sensor):
                 m.d.sync += gated.eq(0)
             with m.If(~way.at_once):
                 m.d.sync += [
                     state.eq(way.step),
                     self.run.program.eq(way.program),
-                    self.run.sensor.eq(Mux(way.step == Step.UPDATE, sensor, 0)),
+                    *self._select(way.program, sensor, variant),
                     self.run.observation_mask.eq(fields["MASK"].VALUE.data),
                     self.run.start.eq(1),
                 ]
@@ -308,6 +328,7 @@ class Control(wiring.Component):
 
         # End.
         end = Signal()
+        goes_on = Signal()
         failed = Signal()
         gate = self._gate(fields)
         # An innovation too large for the format is above every gate.
@@ -315,15 +336,17 @@ class Control(wiring.Component):
         m.d.comb += [
             end.eq(self.busy & self.run.done & ~reset),
             failed.eq((self.run.error_code != ErrorCode.NONE) & ~overflow),
-            step_done.eq(end | (launch & way.at_once)),
+            step_done.eq((end & ~goes_on) | (launch & way.at_once)),
             error_recorded.eq((end & failed) | refuse),
         ]
+        self._elaborate_following(m, state, flags, launch, sensor, variant, end & ~failed, goes_on)
         with m.If(end):
-            m.d.sync += state.eq(Step.IDLE)
-            with m.Switch(state):
-                for index, choice in enumerate(STEPS):
-                    with m.Case(choice):
-                        m.d.sync += ended[index].eq(1)
+            with m.If(~goes_on):
+                m.d.sync += state.eq(Step.IDLE)
+                with m.Switch(state):
+                    for step in own:
+                        with m.Case(step):
+                            m.d.sync += ended[step - 1].eq(1)
             with m.If(failed):
                 m.d.sync += [
                     error_code.eq(self.run.error_code),
@@ -344,7 +367,7 @@ class Control(wiring.Component):
             (STATUS, "GATED"): gated,
             **{
                 (STATUS, flag.name): self._bits(flags, flag)
-                for flag in Flag if flag is not Flag.PREDICTED
+                for flag in Flag if flag not in HIDDEN
             },
             **{
                 (STATUS, step.name): bit for step, bit in zip(STEPS, ended, strict=True)
@@ -428,18 +451,80 @@ class Control(wiring.Component):
             ]
         m.d.comb += self.irq.eq(monitor.src.i)
 
-    def _elaborate_ways(self, m, starts, flags):
-        """What a start bit would start: the first way whose flag is set, as in the table."""
+    def _has(self, step):
+        """Whether the core has a step for any sensor."""
+        return is_there(step, self._params.models, len(self._params.sensor_rows), 0, 0)
+
+    def _is_one(self, step, *choices):
+        """Whether a step is one of some; those that the core has not never are."""
+        own = [choice for choice in choices if choice not in OF_MODELS or self._has(choice)]
+        return Cat(step == choice for choice in own).any() if own else Const(0)
+
+    def _elaborate_exists(self, m, of_variant, sensor, variant):
+        """Whether there is the sensor that a start names, and the variant of its model."""
+        exists = Signal()
+        m.d.comb += exists.eq(sensor < len(self._params.sensor_rows))
+        with m.If(of_variant):
+            m.d.comb += exists.eq(0)
+            for number, variants in enumerate(self._params.models.h):
+                with m.If((sensor == number) & (variant < len(variants))):
+                    m.d.comb += exists.eq(1)
+        return exists
+
+    def _select(self, program, sensor, variant):
+        """Whose program runs."""
+        own = {routine.program for routine in routines(self._params)}
+        of_sensor = Cat(program == each for each in OF_SENSORS & own).any()
+        return [
+            self.run.sensor.eq(Mux(of_sensor, sensor, 0)),
+            self.run.variant.eq(Mux(program == Program.MODEL_H, variant, 0)),
+        ]
+
+    def _elaborate_following(self, m, state, flags, launch, sensor, variant, succeeded, goes_on):
+        """With what a step goes on when a program has succeeded, as in the table."""
+        if not self._params.models:
+            return
+        chosen = Signal.like(self.run.sensor)
+        chosen_variant = Signal.like(self.run.variant)
+        with m.If(launch):
+            m.d.sync += [chosen.eq(sensor), chosen_variant.eq(variant)]
+        program = Signal.like(self.run.program)
+        for (step, before), following in FOLLOWING.items():
+            if not self._has(step):
+                continue
+            change = ENDINGS[before].success
+            with m.If(succeeded & (state == step) & (self.run.program == before)):
+                m.d.comb += goes_on.eq(1)
+                for choice in reversed(WAYS[following]):
+                    # The program that has ended changes these flags on this clock.
+                    left = choice.needs & ~change.sets
+                    if not left & change.clears:
+                        with m.If(self._has_flags(flags, left)):
+                            m.d.comb += program.eq(choice.program)
+        with m.If(goes_on):
+            m.d.sync += [
+                self.run.start.eq(1),
+                self.run.program.eq(program),
+                *self._select(program, chosen, chosen_variant),
+            ]
+
+    def _has_flags(self, flags, needed):
+        """Whether all of some flags are set."""
+        return self._bits(flags, needed).all() if needed else Const(1)
+
+    def _elaborate_ways(self, m, own, starts, flags):
+        """What a start bit would start: the first way whose flags are set, as in the table."""
         way = Signal(StructLayout({
-            "step": Step, "program": Program, "legal": 1, "at_once": 1,
+            "step": range(1 + max(own)), "program": self.run.program.shape(), "legal": 1,
+            "at_once": 1,
         }))  # fmt: skip
         with m.Switch(starts):
-            for index, step in enumerate(STEPS):
-                with m.Case(1 << index):
+            for step in own:
+                with m.Case(1 << (step - 1)):
                     m.d.comb += way.step.eq(step)
                     # The first in the table wins, so it is assigned last.
                     for choice in reversed(WAYS[step]):
-                        with m.If(flags & choice.needs if choice.needs else Const(1)):
+                        with m.If(self._has_flags(flags, choice.needs)):
                             m.d.comb += [
                                 way.legal.eq(1),
                                 way.at_once.eq(choice.program is None),
@@ -471,7 +556,8 @@ class Control(wiring.Component):
                     m.d.sync += line.eq(~line)
 
         with m.Switch(self.run.program):
-            for program, ending in ENDINGS.items():
+            for program in sorted({routine.program for routine in routines(self._params)}):
+                ending = ENDINGS[program]
                 with m.Case(program):
                     rejected = failed
                     if ending.gives_nis:

@@ -112,6 +112,7 @@ class Engine(wiring.Component):
             sequencer.start.eq(self.run.start),
             sequencer.program.eq(self.run.program),
             sequencer.sensor.eq(self.run.sensor),
+            sequencer.variant.eq(self.run.variant),
             sequencer.stop.eq(self.run.stop),
             self.busy.eq(sequencer.busy),
             self.run.done.eq(sequencer.done),

@@ -4,8 +4,8 @@ from amaranth import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from ukf_hdl.core.signatures import RunSignature
 from ukf_hdl.core.unpacker import Unpacker, word_layout
-from ukf_sw.spec.sequence import Program
 
 __all__ = ["Sequencer"]
 
@@ -30,10 +30,8 @@ class Sequencer(wiring.Component):
     -------
     start : :py:`In(1)`
         Start of a program.
-    program : :py:`In(Program)`
-        Which one; valid with :py:`start`.
-    sensor : :py:`In(range(...))`
-        Whose, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
+    program, sensor, variant : :py:`In(range(...))`
+        Which one, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
     stop : :py:`In(1)`
         End it.
     word : :py:`Out(StructLayout)`
@@ -46,10 +44,12 @@ class Sequencer(wiring.Component):
 
     def __init__(self, microcode):
         self._microcode = microcode
+        run = RunSignature(microcode.params)
         super().__init__({
             "start":   In(1),
-            "program": In(range(len(Program))),
-            "sensor":  In(range(len(microcode.params.sensor_rows))),
+            "program": In(run.members["program"].shape),
+            "sensor":  In(run.members["sensor"].shape),
+            "variant": In(run.members["variant"].shape),
             "stop":    In(1),
             "word":    Out(word_layout(microcode.format.fields.values())),
             "busy":    Out(1),
@@ -74,6 +74,7 @@ class Sequencer(wiring.Component):
                 unpacker.start.eq(self.start),
                 unpacker.program.eq(self.program),
                 unpacker.sensor.eq(self.sensor),
+                unpacker.variant.eq(self.variant),
                 unpacker.run.eq(running),
             ]
             for name in self._microcode.format.present(half.fields):

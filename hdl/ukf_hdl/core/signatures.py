@@ -3,7 +3,7 @@
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ukf_sw.spec.sequence import Program
+from ukf_sw.engine.microcode import routines
 
 __all__ = ["EstimateSignature", "MemorySignature", "RunSignature"]
 
@@ -20,10 +20,12 @@ class RunSignature(wiring.Signature):
     -------
     start : :py:`Out(1)`
         High for one clock to run a program.
-    program : :py:`Out(Program)`
-        Which one; valid with :py:`start`.
+    program : :py:`Out(range(...))`
+        Which :class:`Program`; valid with :py:`start`. It has no more bits than the core's need.
     sensor : :py:`Out(range(len(params.sensor_rows)))`
-        Whose, if it is an update; else 0. Valid with :py:`start`.
+        Whose, of a program in :data:`OF_SENSORS`; else 0. Valid with :py:`start`.
+    variant : :py:`Out(range(...))`
+        Which of its observation models, of :py:`Program.MODEL_H`; else 0. Valid with :py:`start`.
     stop : :py:`Out(1)`
         High for one clock to drop the program that runs.
     observation_mask : :py:`Out(params.m)`
@@ -39,10 +41,12 @@ class RunSignature(wiring.Signature):
     """
 
     def __init__(self, params):
+        programs = routines(params)
         super().__init__({
             "start":               Out(1),
-            "program":             Out(Program),
+            "program":             Out(range(1 + max(found.program for found in programs))),
             "sensor":              Out(range(len(params.sensor_rows))),
+            "variant":             Out(range(1 + max(found.variant for found in programs))),
             "stop":                Out(1),
             "observation_mask":    Out(params.m),
             "done":                In(1),

@@ -7,7 +7,6 @@ from amaranth.lib.wiring import In, Out
 
 from ukf_hdl.memory_style import ram_style, rom_style
 from ukf_sw.engine.packets import DISTANCE_WIDTH
-from ukf_sw.spec.sequence import Program
 
 __all__ = ["Unpacker", "word_layout"]
 
@@ -34,10 +33,8 @@ class Unpacker(wiring.Component):
     -------
     start : :py:`In(1)`
         Start of a program.
-    program : :py:`In(Program)`
-        Which one; valid with :py:`start`.
-    sensor : :py:`In(range(...))`
-        Whose, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
+    program, sensor, variant : :py:`In(range(...))`
+        Which one, as in :class:`ukf_hdl.core.signatures.RunSignature`; valid with :py:`start`.
     run : :py:`In(1)`
         The next word is taken. High from the clock after the start until the program ends.
     word : :py:`Out(StructLayout)`
@@ -46,11 +43,11 @@ class Unpacker(wiring.Component):
 
     def __init__(self, stream):
         self._stream = stream
-        sensors = 1 + max(routine.sensor for routine in stream.entry)
         super().__init__({
             "start":   In(1),
-            "program": In(range(len(Program))),
-            "sensor":  In(range(sensors)),
+            "program": In(range(1 + max(routine.program for routine in stream.entry))),
+            "sensor":  In(range(1 + max(routine.sensor for routine in stream.entry))),
+            "variant": In(range(1 + max(routine.variant for routine in stream.entry))),
             "run":     In(1),
             "word":    Out(word_layout(stream.format.fields)),
         })  # fmt: skip
@@ -80,9 +77,10 @@ class Unpacker(wiring.Component):
         fetch = Signal()
         following = Signal(range(len(packets) + 2))  # address after that of the last fetch
         with m.If(self.start):
-            with m.Switch(Cat(self.program, self.sensor)):
+            with m.Switch(Cat(self.program, self.sensor, self.variant)):
                 for routine, entry in self._stream.entry.items():
-                    with m.Case(routine.sensor << len(self.program) | routine.program):
+                    number = routine.variant << len(self.sensor) | routine.sensor
+                    with m.Case(number << len(self.program) | routine.program):
                         m.d.comb += port.addr.eq(entry)
         with m.Else():
             m.d.comb += port.addr.eq(following)

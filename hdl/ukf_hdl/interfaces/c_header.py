@@ -3,7 +3,7 @@
 from typing import Any
 
 from ukf_sw.spec.registers import ID, IDENTITY, STATUS, ErrorCode
-from ukf_sw.spec.sequence import NO_FLAG, STEPS, WAYS, Flag, Step
+from ukf_sw.spec.sequence import HIDDEN, STEPS, WAYS, Flag, Step
 
 __all__ = ["core_header", "registers_header"]
 
@@ -15,7 +15,7 @@ _CLOSE = ("", "#ifdef __cplusplus", "}", "#endif")
 REGIONS = (
     "state_points", "process_noise_points", "observation_noise_points", "observation_points",
     "observation", "state", "factor", "covariance", "process_noise_factor",
-    "observation_noise_factor",
+    "observation_noise_factor", "inputs",
 )  # fmt: skip
 
 
@@ -83,8 +83,8 @@ def registers_header(record: dict[str, Any]) -> str:
 
 def _needs(step: Step) -> int:
     """Bits of STATUS of which a step needs one; a prediction is there only after an INIT."""
-    flags = {way.needs for way in WAYS[step]} - {NO_FLAG, Flag.PREDICTED}
-    return sum(STATUS[str(flag.name)].mask for flag in flags)
+    needed = [way.needs & ~HIDDEN for way in WAYS[step]]
+    return sum(STATUS[str(flag.name)].mask for flag in Flag if any(flag in each for each in needed))
 
 
 def _structure(record: dict[str, Any]) -> list[str]:

@@ -3,11 +3,11 @@
 from math import e, log2
 
 from ukf_sw.elementary.coefficients import coefficients
-from ukf_sw.elementary.primitives import exponent_step, is_narrow
+from ukf_sw.elementary.primitives import is_narrow
 from ukf_sw.elementary.quotients import divide, integer_power, reciprocal, sqrt
 from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.forms import Addend, Condition, Reading, Sign
+from ukf_sw.spec.forms import Addend, Condition, Reading, Sign, exponent_step
 from ukf_sw.spec.model_programs import Constant, Operand, Temporary
 
 __all__ = ["exp", "log", "power", "tanh"]

@@ -10,16 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.engine import arithmetic
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
+from ukf_sw.spec.forms import (
+    Addend,
+    Condition,
+    Form,
+    Multiplier,
+    Reading,
+    Root,
+    Sign,
+    exponent_step,
+)
 
-__all__ = ["evaluate", "evaluate_root", "exponent_step", "is_narrow", "round_constant"]
+__all__ = ["evaluate", "evaluate_root", "is_narrow", "round_constant"]
 
 _Numbers = NDArray[np.float64]
-
-
-def exponent_step(fmt: FloatFormat) -> int:
-    """How many exponents :attr:`Reading.EXPONENT` counts as one: the fraction has F bits for E."""
-    return 1 << max(0, fmt.exponent_bits - fmt.fraction_bits)
 
 
 def is_narrow(fmt: FloatFormat) -> bool:

@@ -7,10 +7,10 @@ is used twice on a clock.
 """
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from ukf_sw.engine.adder_tree import adder_tree
-from ukf_sw.engine.layout import Word
+from ukf_sw.engine.layout import Word, is_banked
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.scheduler import Schedule
 from ukf_sw.engine.timing import READ_LATENCY
@@ -27,7 +27,12 @@ class ScheduleError(Exception):
 
 
 def check_schedule(
-    schedule: Schedule, *, pes: int, pipeline: Pipeline, registers: dict[Scalar, int] | None = None
+    schedule: Schedule,
+    *,
+    pes: int,
+    pipeline: Pipeline,
+    registers: Mapping[Scalar, int] | None = None,
+    places: Mapping[Word, Word] | None = None,
 ) -> None:
     """Check a schedule.
 
@@ -39,6 +44,8 @@ def check_schedule(
         The array that is to execute it.
     registers
         Place in the scalar file of the scalars that are kept; None: each has its own.
+    places
+        Places in the memories of temporaries; those that are missing have their own.
 
     Raises
     ------
@@ -58,8 +65,12 @@ def check_schedule(
     # current or of the next bank, and registers of the scalar file.
     reads: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
     writes: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
+    kept: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
     expected: dict[tuple[int, _Place], int] = {}
     latest: dict[_Place, int] = {}
+
+    def place_of(bank: str, word: Word, lane: int) -> _Place:
+        return bank, word if places is None else places.get(word, word), lane
 
     def register(scalar: Scalar) -> _Place:
         return ("scalar", (scalar.number if registers is None else registers[scalar], 0), 0)
@@ -78,9 +89,9 @@ def check_schedule(
                     continue
                 for lane in range(pes):
                     if beat.lanes >> lane & 1:
-                        place = ("current", word, lane)
+                        place = place_of("current", word, lane)
                         reads[clock].append((place, index))
-                        expected[index, place] = latest.get(place, -1)
+                        expected[index, place] = latest.get(("current", word, lane), -1)
         if operation.scalar is not None:
             place = register(operation.scalar)
             reads[issue].append((place, index))
@@ -90,7 +101,7 @@ def check_schedule(
             if registers is None or operation.result in registers:
                 writes[end].append((register(operation.result), index))
         written = [(operation.destination, end, operation.lanes)]
-        written.append((operation.root, end + pipeline.reciprocal_sqrt, (1 << pes) - 1))
+        written.append((operation.root, end + pipeline.reciprocal_sqrt, operation.root_lanes))
         for word, clock, lanes in written:
             if word is None:
                 continue
@@ -98,9 +109,13 @@ def check_schedule(
                 raise ScheduleError(f"operation {index} writes on clock {clock}, after the end")
             for lane in range(pes):
                 if lanes >> lane & 1:
-                    place = ("next" if word[1] else "current", word, lane)
+                    bank = "next" if is_banked(word) else "current"
+                    place = place_of(bank, word, lane)
+                    if operation.keeps:
+                        kept[clock].append((place, index))
+                        expected[index, place] = latest.get((bank, word, lane), -1)
                     writes[clock].append((place, index))
-                    latest[place] = index
+                    latest[bank, word, lane] = index
 
     found: dict[_Place, int] = {}
     for clock in sorted({*reads, *writes}):
@@ -113,6 +128,12 @@ def check_schedule(
                 )
             if place in landing and place[0] != "scalar":
                 raise ScheduleError(f"{place} is read and written on clock {clock}")
+        for place, index in kept[clock]:
+            if found.get(place, -1) != expected[index, place]:
+                raise ScheduleError(
+                    f"operation {index} on clock {clock} keeps {place} of operation "
+                    f"{found.get(place, -1)} instead of {expected[index, place]}"
+                )
         for place, index in writes[clock]:
             found[place] = index
 

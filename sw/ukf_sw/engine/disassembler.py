@@ -13,7 +13,7 @@ from ukf_sw.engine.control_word import READ, WRITE, BusSource
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_NONE, BANK_STATE, Word
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.operations import Beat, Kind, Operation, Route
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 __all__ = [
     "MARKS",
@@ -112,9 +112,9 @@ def word_of(word: Mapping[str, int], address: str, bank: str) -> Word:
 class _Words:
     """Words of a program, of which fields are taken until none is left."""
 
-    def __init__(self, code: Microcode, program: Program, sensor: int) -> None:
+    def __init__(self, code: Microcode, routine: Routine) -> None:
         self._code = code
-        self._fields = [fields_of(code, word) for word in code.words_of(program, sensor)]
+        self._fields = [fields_of(code, word) for word in code.words_of(*routine)]
 
     def __len__(self) -> int:
         return len(self._fields)
@@ -150,7 +150,9 @@ class _Words:
         return sets[number]
 
 
-def disassemble(code: Microcode, program: Program, sensor: int = 0) -> list[Instruction]:
+def disassemble(
+    code: Microcode, program: Program, sensor: int = 0, variant: int = 0
+) -> list[Instruction]:
     """Find the operations of a program in its control words.
 
     Parameters
@@ -170,7 +172,7 @@ def disassemble(code: Microcode, program: Program, sensor: int = 0) -> list[Inst
     DisassemblyError
         If the words are no program.
     """
-    words = _Words(code, program, sensor)
+    words = _Words(code, Routine(program, sensor, variant))
     found: list[Instruction] = []
     for clock in range(len(words)):
         # What an earlier operation has read on this clock is taken already.

@@ -236,9 +236,9 @@ def sig_gen(
     L: dict[tuple[int, int], Scalar],
     state: Sequence[tuple[Scalar, bool]],
 ) -> None:
-    """Sigma points of the state, X = x + L sigma (2018, equation 8), up to point n + 1.
+    """Sigma points of the state, X = x + L sigma (2018, equation 8).
 
-    The others equal x and are not written.
+    Those after point n + 1 equal x. They are not written, unless models on the core read them.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def sig_gen(
     """
     layout = builder.layout
     n = layout.params.n
-    columns = [(layout.points[0], n + 2)]
+    columns = [(layout.points[0], layout.points[1] if layout.params.models else n + 2)]
     for i in range(n):
         terms = [(L[i, j], layout.state_sigma[j], [(1, j + 3)]) for j in range(i + 1)]
         scalar, negative = state[i]

@@ -22,12 +22,20 @@ from numpy.typing import NDArray
 from ukf_sw.engine.constants import noise_coefficients, state_coefficients, unit, weights
 from ukf_sw.spec.parameters import Form, UkfParams
 
-__all__ = ["BANK_FACTOR", "BANK_NONE", "BANK_STATE", "Layout", "Vector", "Word"]
+__all__ = [
+    "BANK_FACTOR", "BANK_NONE", "BANK_STATE", "TEMPORARY", "Layout", "Vector", "Word", "is_banked",
+]  # fmt: skip
 
-BANK_NONE, BANK_STATE, BANK_FACTOR = range(3)
+BANK_NONE, BANK_STATE, BANK_FACTOR, TEMPORARY = range(4)
 
-#: Address of a word in every lane, and the bank bit that completes it.
+#: Address of a word in every lane, and the bank bit that completes it. The temporaries of a model's
+#: program have numbers instead of addresses, until the program has been scheduled.
 Word = tuple[int, int]
+
+
+def is_banked(word: Word) -> bool:
+    """Whether a word has two copies, of which programs read one and write the other."""
+    return word[1] in (BANK_STATE, BANK_FACTOR)
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,8 @@ class Layout:
     ----------
     params
         What the core computes.
+    temporaries
+        Words for temporaries of models, beyond those that other vectors lend them.
 
     Attributes
     ----------
@@ -104,8 +114,9 @@ class Layout:
         Width of an address within a lane.
     """
 
-    def __init__(self, params: UkfParams) -> None:
+    def __init__(self, params: UkfParams, temporaries: int = 0) -> None:
         self.params = p = params
+        self._temporaries = temporaries
         self.points = (p.points.start, p.points.stop)
         self.rhs = 0 if p.points.start else p.N
         before_noise = max(p.N, self.rhs + 1)
@@ -191,7 +202,29 @@ class Layout:
             self._constant(f"noise_sigma[{j}]", points, row)
             for j, row in enumerate(noise_coefficients(p))
         ]
+        self._place_models()
         return self._next <= self.depth
+
+    def _place_models(self) -> None:
+        """Give what the models of the core need a place."""
+        models, pes = self.params.models, self.params.pes
+        scalars = dict.fromkeys(value.hex() for program in models for value in program.scalars)
+        words = dict.fromkeys(value.hex() for program in models for value in program.words)
+        #: Inputs, one after the other.
+        self.U = self._vectors("U", int(bool(models.inputs)), (0, len(models.inputs)))
+        #: Constants that become scalars, one after the other, and the column of each, by their
+        #: value in hexadecimal, which has the sign of zero.
+        self.model_scalars: Vector | None = None
+        self.scalar_columns = {value: column for column, value in enumerate(scalars)}
+        if scalars:
+            values = np.array([*map(float.fromhex, scalars)])
+            self.model_scalars = self._constant("model_scalars", (0, len(values)), values)
+        #: Constants that are words, by their value alike.
+        self.model_words = {
+            value: self._broadcast(f"model_word[{k}]", float.fromhex(value))
+            for k, value in enumerate(words)
+        }
+        self.temporaries = self._vectors("temporary", self._temporaries, (0, pes))
 
     def _vector(
         self,

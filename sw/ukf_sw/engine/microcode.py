@@ -1,7 +1,7 @@
 """All programs of a core, scheduled and encoded: the contents of its program memories."""
 
 import heapq
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 from itertools import accumulate
 from typing import NamedTuple
@@ -15,13 +15,16 @@ from ukf_sw.engine.control_word import (
     ControlFormat,
     Half,
     fields_of_models,
+    steering,
 )
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_STATE, Layout, Word
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.packets import PacketStream, pack
 from ukf_sw.engine.programs import build_program
-from ukf_sw.engine.scheduler import Schedule, schedules
+from ukf_sw.engine.scheduler import Schedule, schedule, schedules
+from ukf_sw.engine.temporaries import allocate_temporaries, lent_words
 from ukf_sw.engine.timing import Timing
+from ukf_sw.spec.forms import Root
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine, of_sensor
 
@@ -56,6 +59,12 @@ def routines(params: UkfParams) -> list[Routine]:
         *(Routine(program) for program in before),
         *(Routine(program, sensor) for sensor in sensors for program in of_sensors),
         *(Routine(program) for program in behind),
+        *([] if params.models.f is None else [Routine(Program.MODEL_F)]),
+        *(
+            Routine(Program.MODEL_H, sensor, variant)
+            for sensor, variants in enumerate(params.models.h)
+            for variant in range(len(variants))
+        ),
     ]
 
 
@@ -104,10 +113,27 @@ class ProgramCode(NamedTuple):
         Its schedule.
     registers
         Place of its scalars in the scalar file.
+    places
+        Places of its temporaries in the memories, if it has some.
+    temporaries
+        How many words it needs for them beyond those that other vectors lend it.
     """
 
     plan: Schedule
     registers: dict[Scalar, int]
+    places: dict[Word, Word]
+    temporaries: int
+
+    def lane_sets(self) -> Iterator[int]:
+        """Sets of lanes that its control words name."""
+        for operation in self.plan.operations:
+            if operation.destination is not None:
+                yield operation.lanes
+            if operation.root is not None:
+                yield operation.root_lanes
+            if operation.kind.route is Route.TREE:
+                for beat in operation.beats:
+                    yield beat.lanes
 
 
 def compile_program(layout: Layout, timing: Timing, routine: Routine) -> ProgramCode:
@@ -122,17 +148,26 @@ def compile_program(layout: Layout, timing: Timing, routine: Routine) -> Program
     routine
         Which program.
     """
+    if routine.program in (Program.MODEL_F, Program.MODEL_H):
+        return _compile_model(layout, timing, routine)
     plans = schedules(build_program(layout, *routine), timing)
-    codes = [ProgramCode(plan, allocate_scalars(plan)) for plan in plans]
+    codes = [ProgramCode(plan, allocate_scalars(plan), {}, 0) for plan in plans]
     return codes[0] if len(codes) == 1 else min(codes, key=_cost)
+
+
+def _compile_model(layout: Layout, timing: Timing, routine: Routine) -> ProgramCode:
+    """Schedule the program of a model. What the schedule is does not depend on the layout."""
+    plan = schedule(build_program(layout, *routine), timing)
+    own = [vector.word(0) for vector in layout.temporaries]
+    places, needed = allocate_temporaries(plan, lent_words(layout, routine.program), own)
+    return ProgramCode(plan, allocate_scalars(plan), places, needed)
 
 
 def _cost(code: ProgramCode) -> float:
     """Length of a program in clocks, and what its packets are worth."""
     sets: dict[int, int] = {(1 << code.plan.timing.pes) - 1: 0}
-    for operation in code.plan.operations:
-        for lanes in (operation.lanes, *(beat.lanes for beat in operation.beats)):
-            sets.setdefault(lanes, len(sets))
+    for lanes in code.lane_sets():
+        sets.setdefault(lanes, len(sets))
     words = _words(code, sets)
     packets = 0
     for half in (READ, WRITE):
@@ -147,14 +182,19 @@ def _words(code: ProgramCode, sets: Mapping[int, int]) -> list[dict[str, int]]:
     words: list[dict[str, int]] = [{} for _ in range(plan.length)]
     for operation, issue in zip(plan.operations, plan.issue, strict=True):
         for k, beat in enumerate(operation.beats):
-            values = {"subtract": int(operation.subtract), **operation.kind.steering}
-            if beat.word_0 is None:
-                values["zero"] = 1
+            if operation.form is not None:
+                values = steering(operation.form)
             else:
-                values |= _banked("address_0", "bank_{}_0", beat.word_0)
+                values = {"subtract": int(operation.subtract), **operation.kind.steering}
+                if beat.word_0 is None:
+                    values["zero"] = 1
+            if beat.word_0 is not None:
+                word_0 = code.places.get(beat.word_0, beat.word_0)
+                values |= _banked("address_0", "bank_{}_0", word_0)
             if beat.word_1 is not None:
-                values["address_1"] = beat.word_1[0]
-                values["bank_factor_1"] = int(beat.word_1[1] == BANK_FACTOR)
+                word_1 = code.places.get(beat.word_1, beat.word_1)
+                values["address_1"] = word_1[0]
+                values["bank_factor_1"] = int(word_1[1] == BANK_FACTOR)
             if operation.scalar is not None:
                 values["scalar_address"] = code.registers[operation.scalar]
             if operation.kind.route is Route.TREE:
@@ -165,9 +205,11 @@ def _words(code: ProgramCode, sets: Mapping[int, int]) -> list[dict[str, int]]:
         done = issue + plan.timing.result(operation)
         words[done] |= _writes(code, operation, sets)
         if operation.root is not None:
+            root = code.places.get(operation.root, operation.root)
             words[done + plan.timing.pipeline.reciprocal_sqrt] |= {
                 "write": 1, "write_bus": 1, "bus_source": BusSource.ROOT,
-                "write_address": operation.root[0], "write_lanes": sets[(1 << plan.timing.pes) - 1],
+                "write_address": root[0], "write_lanes": sets[operation.root_lanes],
+                **({"unchecked": 1} if operation.unchecked else {}),
             }  # fmt: skip
     return words
 
@@ -176,7 +218,8 @@ def _writes(code: ProgramCode, operation: Operation, sets: Mapping[int, int]) ->
     """Give the fields of the clock on which the result of an operation is there."""
     values: dict[str, int] = {}
     if operation.destination is not None:
-        values |= _banked("write_address", "write_bank_{}", operation.destination)
+        destination = code.places.get(operation.destination, operation.destination)
+        values |= _banked("write_address", "write_bank_{}", destination)
         values |= {"write": 1, "write_lanes": sets[operation.lanes]}
         values["write_bus"] = int(operation.kind.is_scalar)
     if operation.observation is not None:
@@ -195,6 +238,12 @@ def _writes(code: ProgramCode, operation: Operation, sets: Mapping[int, int]) ->
         values["innovation"] = 1
     if operation.is_nis:
         values["nis"] = 1
+    if operation.model_row is not None:
+        values |= {"row": 1 + operation.model_row, "of_model": 1}
+    if operation.unchecked:
+        values["unchecked"] = 1
+    if operation.root_kind is Root.SIGNED:
+        values["signed"] = 1
     return values
 
 
@@ -227,8 +276,8 @@ class Microcode:
     def __init__(self, params: UkfParams, pipeline: Pipeline) -> None:
         self.params = params
         self.pipeline = pipeline
-        self.layout = Layout(params)
         self.timing = Timing(params.pes, pipeline)
+        self.layout = self._lay_out()
         self.programs: dict[Routine, ProgramCode] = {}
         for routine in routines(params):
             self.programs[routine] = compile_program(self.layout, self.timing, routine)
@@ -236,13 +285,7 @@ class Microcode:
             max(code.registers.values(), default=0) for code in self.programs.values()
         )
         every_lane = (1 << params.pes) - 1
-        sets = {every_lane}
-        for code in self.programs.values():
-            for operation in code.plan.operations:
-                if operation.destination is not None:
-                    sets.add(operation.lanes)
-                if operation.kind.route is Route.TREE:
-                    sets.update(beat.lanes for beat in operation.beats)
+        sets = {every_lane, *(each for code in self.programs.values() for each in code.lane_sets())}
         self.lane_sets = tuple(sorted(sets))
         self.format = ControlFormat(
             address_width=self.layout.address_width,
@@ -261,23 +304,33 @@ class Microcode:
         lengths = [len(words) for words in self._encoded.values()]
         self.entry = dict(zip(self._encoded, accumulate(lengths, initial=0), strict=False))
 
+    def _lay_out(self) -> Layout:
+        """Give the layout, with as many words for temporaries as the models need."""
+        layout = Layout(self.params)
+        needed = [
+            compile_program(layout, self.timing, routine).temporaries
+            for routine in routines(self.params)
+            if routine.program in (Program.MODEL_F, Program.MODEL_H)
+        ]
+        return Layout(self.params, max(needed)) if any(needed) else layout
+
     @cached_property
     def streams(self) -> dict[Half, PacketStream]:
         """Contents of the program memories: packets of the words, for each half of them."""
         return {half: PacketStream(self.format, half, self._encoded) for half in (READ, WRITE)}
 
-    def words_of(self, program: Program, sensor: int = 0) -> list[int]:
+    def words_of(self, program: Program, sensor: int = 0, variant: int = 0) -> list[int]:
         """Give the control words of a program, one for each clock."""
-        return self._encoded[Routine(program, sensor)]
+        return self._encoded[Routine(program, sensor, variant)]
 
     def name_of(self, routine: Routine) -> str:
         """Name of a program for people, with its sensor if there are several."""
         sensors = len(self.params.sensor_rows) if routine.program in OF_SENSORS else 1
         return of_sensor(routine.program.name, routine.sensor, sensors)
 
-    def clocks(self, program: Program, sensor: int = 0) -> int:
+    def clocks(self, program: Program, sensor: int = 0, variant: int = 0) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""
-        clocks = self.programs[Routine(program, sensor)].plan.length + STEP_OVERHEAD
+        clocks = self.programs[Routine(program, sensor, variant)].plan.length + STEP_OVERHEAD
         if program is Program.UPDATE_REDRAWN:
             clocks += self.programs[Routine(Program.UPDATE, sensor)].plan.length
         return clocks

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ukf_sw.engine.control_word import BusSource
 from ukf_sw.engine.disassembler import MARKS, Instruction, fields_of, kind_of, word_of
-from ukf_sw.engine.layout import BANK_NONE, Word
+from ukf_sw.engine.layout import Word, is_banked
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.operations import Kind
 from ukf_sw.spec.sequence import Routine
@@ -108,7 +108,7 @@ class Mnemonics:
             Whether it is written, so the copy that is not current if it has two.
         """
         name, columns = self._columns(word, self._every_lane if lanes is None else lanes)
-        if written and word[1] != BANK_NONE:
+        if written and is_banked(word):
             name = f"{name[0]}'{name[1:]}"
         return name if columns is None else f"{name}[{say_columns(columns)}]"
 
@@ -167,7 +167,7 @@ class Mnemonics:
 
         def place(word: Word, lanes: int) -> dict[str, Any]:
             name, columns = self._columns(word, lanes)
-            return {"vector": name, "columns": columns, "banked": word[1] != BANK_NONE}
+            return {"vector": name, "columns": columns, "banked": is_banked(word)}
 
         writes: list[dict[str, Any]] = []
         if instruction.register is not None:

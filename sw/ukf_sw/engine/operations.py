@@ -171,7 +171,8 @@ class ProgramBuilder:
         self.operations: list[Operation] = []
         self._pes = layout.params.pes
 
-    def _scalar(self) -> Scalar:
+    def new_scalar(self) -> Scalar:
+        """Give a scalar that nothing has written yet."""
         return Scalar(len(self.operations))
 
     def lanes_by_beat(self, columns: Iterable[tuple[int, int]]) -> dict[int, int]:
@@ -315,7 +316,7 @@ class ProgramBuilder:
         coupling: int | None = None,
         is_nis: bool = False,
     ) -> Scalar:
-        result = self._scalar()
+        result = self.new_scalar()
         destination, lanes = None, 0
         if store is not None:
             destination, lane = store[0].element(store[1])

@@ -13,9 +13,10 @@ from ukf_sw.engine.kernels import (
     trisolve,
 )
 from ukf_sw.engine.layout import Layout, Vector
+from ukf_sw.engine.model_programs import model_program
 from ukf_sw.engine.operations import Operation, ProgramBuilder, Scalar
 from ukf_sw.spec.parameters import Form
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 __all__ = ["RunResult", "build_program"]
 
@@ -227,7 +228,7 @@ def _predict(b: ProgramBuilder) -> None:
 def _update_redrawn(b: ProgramBuilder) -> None:
     layout, p, columns = b.layout, b.layout.params, _Columns(b.layout)
     # Sigma points that SIG_GEN did not write, for they equal x.
-    rest = [(p.n + 2, p.N)]
+    rest = [] if p.models else [(p.n + 2, p.N)]
     for i, (points, residual) in enumerate(zip(layout.X, layout.Ex, strict=True)):
         state = b.load(layout.x, i)
         b.axpy(points, None, state, layout.ones, rest)
@@ -351,10 +352,17 @@ _BUILDERS: dict[Program, Callable[[ProgramBuilder], None]] = {
 }
 
 
-def build_program(layout: Layout, program: Program, sensor: int = 0) -> list[Operation]:
-    """List the operations of a program, in program order; an UPDATE is that of a sensor."""
+def build_program(
+    layout: Layout, program: Program, sensor: int = 0, variant: int = 0
+) -> list[Operation]:
+    """List the operations of a program, in program order.
+
+    An UPDATE is that of a sensor, a MODEL_H that of a variant of its model.
+    """
     builder = ProgramBuilder(layout)
-    if program is Program.UPDATE:
+    if program in (Program.MODEL_F, Program.MODEL_H):
+        model_program(builder, Routine(program, sensor, variant))
+    elif program is Program.UPDATE:
         _update(builder, sensor)
     else:
         _BUILDERS[program](builder)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ukf_sw.engine.layout import BANK_NONE, Word
+from ukf_sw.engine.layout import Word, is_banked
 from ukf_sw.engine.operations import Operation, Route, Scalar
 from ukf_sw.engine.timing import Timing
 
@@ -74,10 +74,10 @@ def dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tu
         if operation.destination is not None:
             writes.append((operation.destination, delay, operation.lanes))
         if operation.root is not None:
-            every_lane = (1 << timing.pes) - 1
-            writes.append((operation.root, delay + timing.pipeline.reciprocal_sqrt, every_lane))
+            written = delay + timing.pipeline.reciprocal_sqrt
+            writes.append((operation.root, written, operation.root_lanes))
         for word, written, _ in writes:
-            if word[1] == BANK_NONE:  # else the next bank is written, the current one read
+            if not is_banked(word):  # else the next bank is written, the current one read
                 waits += [(reader, read + 1 - written) for reader, read in readers[word]]
             waits += [(writer, other + 1 - written) for writer, other, _ in writers[word]]
         for predecessor, distance in waits:
@@ -86,9 +86,9 @@ def dependences(operations: Sequence[Operation], timing: Timing) -> list[list[tu
         for word, read in reads:
             readers[word].append((index, read))
         for word, written, lanes in writes:
-            if word[1] != BANK_NONE:
+            if is_banked(word):
                 continue
-            kept = [entry for entry in writers[word] if entry[2] & ~lanes]
+            kept = [entry for entry in writers[word] if operation.keeps or entry[2] & ~lanes]
             writers[word] = [*kept, (index, written, lanes)]
             if not kept:
                 readers[word] = []

@@ -37,14 +37,19 @@ from ukf_sw.spec.registers import (
 )
 from ukf_sw.spec.sequence import (
     ENDINGS,
+    FOLLOWING,
+    HIDDEN,
     NO_BANK,
     NO_FLAG,
+    OF_SENSORS,
     STEPS,
     Bank,
     Flag,
     Program,
+    Routine,
     Step,
     find_way,
+    is_there,
 )
 
 __all__ = ["EngineModel", "GoldenCore"]
@@ -54,13 +59,14 @@ WORD_MASK = 0xFFFF_FFFF
 
 _BY_OFFSET = {register.offset: register for register in REGISTERS}
 _STATE_LSB, _GATED_LSB, _DONE_LSB = (STATUS[name].lsb for name in ("STATE", "GATED", STEPS[0].name))
-_FLAGS = tuple(
-    (flag, STATUS[flag.name].mask) for flag in Flag if flag.name and flag is not Flag.PREDICTED
-)
+_FLAGS = tuple((flag, STATUS[flag.name].mask) for flag in Flag if flag.name and flag not in HIDDEN)
 _INDEX_LSB = ERROR["INDEX"].lsb
 _EVENT = {field.name: field.mask for field in INTERRUPT_PENDING}
 _ENABLE = CONTROL["ENABLE"].mask
 _RESET = CONTROL["RESET"].mask
+#: Steps that are of a sensor, and of a variant of its model.
+_OF_SENSORS = (Step.UPDATE, Step.H, Step.ITERATE)
+_OF_VARIANTS = (Step.H, Step.ITERATE)
 _START = {step: CONTROL[step.name].mask for step in STEPS}
 
 
@@ -80,8 +86,8 @@ def _stored_by(register: Register, params: UkfParams) -> int:
 
 #: What a write to CONTROL may change.
 _CHANGING = (
-    "_step", "_program", "_sensor", "_step_mask", "_done", "_error_code", "_error_index", "_gated",
-    "_cycles", "_nis", "_interrupt_pending", "flags", "banks",
+    "_step", "_program", "_sensor", "_variant", "_step_mask", "_done", "_error_code",
+    "_error_index", "_gated", "_cycles", "_nis", "_interrupt_pending", "flags", "banks",
 )  # fmt: skip
 _what_changes = attrgetter(*_CHANGING)
 
@@ -102,12 +108,17 @@ class EngineModel(Protocol):
         program: Program,
         *,
         sensor: int = 0,
+        variant: int = 0,
         mask: int = -1,
         state_bank: int = 0,
         factor_bank: int = 0,
         stop_after: int | None = None,
     ) -> RunResult:
         """Execute a program, or its beginning."""
+        ...
+
+    def clocks(self, program: Program, sensor: int = 0, variant: int = 0) -> int:
+        """Clocks that a program takes from the start of a step."""
         ...
 
 
@@ -177,6 +188,7 @@ class GoldenCore:
         self._step = Step.IDLE
         self._program: Program | None = None
         self._sensor = 0
+        self._variant = 0
         self._done = 0
         self._error_code = 0
         self._error_index = 0
@@ -361,29 +373,33 @@ class GoldenCore:
         starts = [step for step in STEPS if actions & _START[step]]
         if not starts:
             return
-        way = find_way(starts[0], self.flags)
+        step = starts[0]
+        way = find_way(step, self.flags)
         enabled = self._words[CONTROL] & _ENABLE
-        sensor = CONTROL["SENSOR"].get(actions) if starts[0] is Step.UPDATE else 0
-        is_there = sensor < len(self.params.sensor_rows)
-        legal = len(starts) == 1 and enabled and not self.busy and is_there
+        sensor = CONTROL["SENSOR"].get(actions) if step in _OF_SENSORS else 0
+        variant = CONTROL["VARIANT"].get(actions) if step in _OF_VARIANTS else 0
+        sensors = len(self.params.sensor_rows)
+        exists = is_there(step, self.params.models, sensors, sensor, variant)
+        legal = len(starts) == 1 and enabled and not self.busy and exists
         if legal and way is not None:
-            self._start(starts[0], way.program, sensor)
+            self._start(step, way.program, sensor, variant)
         else:
             self._error_code, self._error_index = int(ErrorCode.ILLEGAL_STEP), 0
             self._signal("ERROR")
 
-    def _start(self, step: Step, program: Program | None, sensor: int) -> None:
+    def _start(self, step: Step, program: Program | None, sensor: int, variant: int) -> None:
         """Start a step; without a program it ends at once."""
         self._error_code = self._error_index = 0
         self._done &= ~self._done_bit(step)
         self._cycles = 0
-        if step is Step.UPDATE:
+        if step in _OF_SENSORS:
             self._gated = False
         if program is None:
             self._done |= self._done_bit(step)
             self._signal("DONE")
             return
-        self._step, self._program, self._sensor = step, program, sensor
+        self._step, self._program = step, program
+        self._sensor, self._variant = sensor, variant
         self._step_mask = self._words[MASK] & (1 << self.params.m) - 1
         if not self.hold:
             self.finish()
@@ -421,11 +437,22 @@ class GoldenCore:
     def _signal(self, event: str) -> None:
         self._interrupt_pending |= _EVENT[event]
 
-    def _execute(self, stop_after: int | None) -> RunResult:
+    @property
+    def _routine(self) -> Routine:
+        """Program of the step that runs."""
         assert self._program is not None
-        return self.engine.run(
+        return Routine(
             self._program,
-            sensor=self._sensor,
+            self._sensor if self._program in OF_SENSORS else 0,
+            self._variant if self._program is Program.MODEL_H else 0,
+        )
+
+    def _execute(self, stop_after: int | None) -> RunResult:
+        program, sensor, variant = self._routine
+        return self.engine.run(
+            program,
+            sensor=sensor,
+            variant=variant,
             mask=self._step_mask,
             state_bank=self.state_bank,
             factor_bank=self.factor_bank,
@@ -454,12 +481,18 @@ class GoldenCore:
         """
         if not self.busy or self._program is None:
             raise RuntimeError("A step must run, not STATUS.STATE = IDLE")
-        result = self._execute(None)
-        step, program = self._step, self._program
+        self._cycles = 0
+        while self._run_program():
+            pass
+        self._done |= self._done_bit(self._step)
         self._step = Step.IDLE
-        self._cycles = result.clocks
-        self._done |= self._done_bit(step)
         self._signal("DONE")
+
+    def _run_program(self) -> bool:
+        """Run a program of a step; tell whether the step goes on with another."""
+        assert self._program is not None
+        result = self._execute(None)
+        self._cycles += result.clocks
         magnitude = (1 << (self.params.format.width - 1)) - 1
         gate = (self._words[GATE_LOW] | self._words[GATE_HIGH] << 32) & magnitude
         infinity = self.params.format.infinity
@@ -470,7 +503,7 @@ class GoldenCore:
         if failed:
             self._error_code, self._error_index = result.error_code, result.error_index
             self._signal("ERROR")
-        ending = ENDINGS[program]
+        ending = ENDINGS[self._program]
         if ending.gives_nis and not failed:
             nis = infinity if result.innovation_overflow else result.nis
             assert nis is not None
@@ -479,11 +512,21 @@ class GoldenCore:
         change = ending.failure if rejected else ending.success
         self.flags = self.flags & ~change.clears | change.sets
         self.banks ^= change.turns
+        following = FOLLOWING.get((self._step, self._program))
+        if failed or following is None:
+            return False
+        way = find_way(following, self.flags)
+        assert way is not None
+        self._program = way.program
+        return True
 
     def _reset(self) -> None:
         """RESET was written."""
         if self.busy:
-            self._execute(self._cycles)
+            left = self._cycles
+            while left > (clocks := self.engine.clocks(*self._routine)) and self._run_program():
+                left -= clocks
+            self._execute(left)
         self._clear()
 
 

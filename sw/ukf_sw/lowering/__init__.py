@@ -9,5 +9,6 @@
 The modules build on each other in this order::
 
     arithmetic    operations of a graph as steps, products and sums joined where no bit changes
+    endings       the last steps of a program, which write its result
     program       programs of the models of a problem, with the numbers that they are given
 """

@@ -10,6 +10,7 @@ from typing import cast
 
 from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.lowering.arithmetic import GraphLowering
+from ukf_sw.lowering.endings import end
 from ukf_sw.problem import Problem
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.model_programs import (
@@ -129,13 +130,22 @@ def lower_model(
             measured = builder.input()
             inputs.append((measured, Source(SourceKind.MEASUREMENT, row)))
             measurements.append((row, _wrapped(builder, measured, centre)))
+    states = {
+        temporary: source.index for temporary, source in inputs if source.kind is SourceKind.STATE
+    }
+    ended = end(
+        builder,
+        [*outputs, *(value for _, value in measurements)],
+        states if model.sensor is None else None,
+    )
+    rows = [row for row, _ in measurements]
     return ModelProgram(
         title=model.title,
         fmt=fmt,
         inputs=tuple(inputs),
         steps=tuple(builder.steps),
-        outputs=tuple(outputs),
-        measurements=tuple(measurements),
+        outputs=ended[: len(outputs)],
+        measurements=tuple(zip(rows, ended[len(outputs) :], strict=True)),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ukf_sw.spec.fields import Parameter, parameters_of
+from ukf_sw.spec.model_programs import CoreModels
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 __all__ = ["PARAMETERS", "Core"]
@@ -69,8 +70,12 @@ class Core:
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Core":
         """Make the core that a :meth:`record` describes."""
+        values = _from_record(UkfParams, record["parameters"])
+        models = record.get("models")
+        if models is not None:
+            values["models"] = CoreModels.from_record(models, values["format"])
         return cls(
-            params=UkfParams(**_from_record(UkfParams, record["parameters"])),
+            params=UkfParams(**values),
             pipeline=Pipeline(**_from_record(Pipeline, record["pipeline"])),
         )
 
@@ -88,9 +93,13 @@ class Core:
         Returns
         -------
         dict
-            ``parameters``, which results depend on, and ``pipeline``, on which they do not.
+            ``parameters`` and ``models``, which results depend on, and ``pipeline``, on which
+            they do not.
         """
-        return {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
+        record = {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
+        if self.params.models:
+            record["models"] = self.params.models.record()
+        return record
 
     @property
     def redraws(self) -> bool:

@@ -20,7 +20,9 @@ The programs of the filter need a few forms only; the others are for the user's 
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["Addend", "Condition", "Form", "Multiplier", "Reading", "Root", "Sign"]
+from ukf_sw.spec.float_format import FloatFormat
+
+__all__ = ["Addend", "Condition", "Form", "Multiplier", "Reading", "Root", "Sign", "exponent_step"]
 
 
 class Multiplier(Enum):
@@ -56,7 +58,7 @@ class Reading(Enum):
     #: or word 1 is 2**(F + 1) or more. NaN of NaN.
     POWER = "power"
     #: ``middle + floor((e - 1) / step)`` of a positive normal number of exponent e; step is 1 if F
-    #: >= E, and see :func:`ukf_sw.elementary.primitives.exponent_step`. Minus infinity of a zero;
+    #: >= E, and see :func:`exponent_step`. Minus infinity of a zero;
     #: NaN of anything else.
     EXPONENT = "exponent"
 
@@ -135,3 +137,8 @@ class Form:
     def uses_scalar(self) -> bool:
         """Whether the result depends on the scalar."""
         return self.multiplier is Multiplier.SCALAR or self.addend is Addend.SCALAR
+
+
+def exponent_step(fmt: FloatFormat) -> int:
+    """How many exponents :attr:`Reading.EXPONENT` counts as one: the fraction has F bits for E."""
+    return 1 << max(0, fmt.exponent_bits - fmt.fraction_bits)

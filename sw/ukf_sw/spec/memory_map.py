@@ -92,6 +92,8 @@ class MemoryMap:
             f"SIG_GEN and UPDATE write columns {first} to n + 1 = {p.n + 1} only; the others are "
             "to be read as column 0."
         )
+        if p.models:
+            written = "SIG_GEN and UPDATE write all of them."
         taken = f"PREDICT takes all {p.N}."
         state, empty = "", ""
         if first:
@@ -119,6 +121,8 @@ class MemoryMap:
             ("P", "covariance", p.n, p.n, "Covariance, as of the last COVARIANCE step."),
             ("LQ", "process_noise_factor", p.q, p.q, "Lower triangular factor of Q."),
             ("LR", "observation_noise_factor", p.r, p.columns_of_r or p.r, factor_of_r),
+            ("U", "inputs", int(bool(p.models.inputs)), len(p.models.inputs),
+             f"Inputs of the models on the core: {', '.join(p.models.inputs)}."),
         )  # fmt: skip
         return tuple(
             Region(

@@ -9,13 +9,16 @@ only.
 in C execute the same steps, so they give equal bits.
 """
 
-from collections.abc import Iterator
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import Any
 
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.forms import Form, Root
+from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
 
 __all__ = [
     "NO_MODELS",
@@ -54,6 +57,19 @@ class Constant:
 
 
 Operand = Temporary | Constant
+
+
+def _operand_record(operand: Operand | None) -> int | str | None:
+    """Give a temporary as its number, a constant exactly as text."""
+    if isinstance(operand, Temporary):
+        return operand.number
+    return None if operand is None else operand.value.hex()
+
+
+def _operand_of(record: int | str | None) -> Operand | None:
+    if isinstance(record, int):
+        return Temporary(record)
+    return None if record is None else Constant(float.fromhex(record))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,6 +148,41 @@ class PickStep:
 Step = SlotStep | RootStep | PickStep
 
 
+def _step_record(step: Step) -> list[Any]:
+    match step:
+        case SlotStep():
+            form = step.form
+            return [
+                "slot", step.destination.number, form.multiplier.value, form.addend.value,
+                form.reading.value, form.sign.value, form.subtract, form.condition.value,
+                *map(_operand_record, (step.word_0, step.word_1, step.scalar)),
+            ]  # fmt: skip
+        case RootStep():
+            return ["root", step.destination.number, step.root.value, step.source.number]
+        case PickStep():
+            return ["pick", step.destination.number, step.source.number]
+
+
+def _step_of(record: list[Any]) -> Step:
+    kind, destination, *rest = record
+    if kind == "slot":
+        multiplier, addend, reading, sign, subtract, condition, *operands = rest
+        word_0, word_1, scalar = map(_operand_of, operands)
+        form = Form(
+            multiplier=Multiplier(multiplier), addend=Addend(addend), reading=Reading(reading),
+            sign=Sign(sign), subtract=subtract, condition=Condition(condition),
+        )  # fmt: skip
+        return SlotStep(
+            form=form, destination=Temporary(destination), word_0=word_0, word_1=word_1,
+            scalar=scalar,
+        )  # fmt: skip
+    if kind == "root":
+        return RootStep(
+            root=Root(rest[0]), destination=Temporary(destination), source=Temporary(rest[1])
+        )
+    return PickStep(destination=Temporary(destination), source=Temporary(rest[0]))
+
+
 class SourceKind(Enum):
     """What an input of a program is."""
 
@@ -186,10 +237,12 @@ class ModelProgram:
     def common(self) -> frozenset[Temporary]:
         """Temporaries that are the same at all sigma points: one word, and not one for each beat.
 
-        They depend on inputs of region U and on constants alone.
+        They depend on inputs of region U, observations, and constants alone.
         """
         own = {
-            temporary for temporary, source in self.inputs if source.kind is not SourceKind.INPUT
+            temporary
+            for temporary, source in self.inputs
+            if source.kind in (SourceKind.STATE, SourceKind.NOISE)
         }
         count = -1
         while count != len(own):
@@ -235,6 +288,40 @@ class ModelProgram:
                 found[output] = None
         return tuple(constant.value for constant in found)
 
+    def record(self) -> dict[str, Any]:
+        """Describe it exactly, ready for JSON; :meth:`from_record` takes it."""
+        return {
+            "title": self.title,
+            "inputs": [
+                [temporary.number, source.kind.value, source.index]
+                for temporary, source in self.inputs
+            ],
+            "steps": [_step_record(step) for step in self.steps],
+            "outputs": [_operand_record(output) for output in self.outputs],
+            "measurements": [[row, _operand_record(value)] for row, value in self.measurements],
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any], fmt: FloatFormat) -> "ModelProgram":
+        """Make the program that a :meth:`record` describes, in its format."""
+
+        def operand(entry: int | str) -> Operand:
+            found = _operand_of(entry)
+            assert found is not None
+            return found
+
+        return cls(
+            title=record["title"],
+            fmt=fmt,
+            inputs=tuple(
+                (Temporary(number), Source(SourceKind(kind), index))
+                for number, kind, index in record["inputs"]
+            ),
+            steps=tuple(map(_step_of, record["steps"])),
+            outputs=tuple(map(operand, record["outputs"])),
+            measurements=tuple((row, operand(value)) for row, value in record["measurements"]),
+        )
+
     @property
     def slots(self) -> int:
         """Issue slots of every beat."""
@@ -269,6 +356,40 @@ class CoreModels:
     f: ModelProgram | None = None
     h: tuple[tuple[ModelProgram, ...], ...] = ()
     inputs: tuple[str, ...] = ()
+
+    def record(self) -> dict[str, Any]:
+        """Describe them exactly, ready for JSON; :meth:`from_record` takes it."""
+        return {
+            "f": None if self.f is None else self.f.record(),
+            "h": [[program.record() for program in variants] for variants in self.h],
+            "inputs": [*self.inputs],
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any], fmt: FloatFormat) -> "CoreModels":
+        """Make the models that a :meth:`record` describes, in their format."""
+        f = record["f"]
+        return cls(
+            f=None if f is None else ModelProgram.from_record(f, fmt),
+            h=tuple(
+                tuple(ModelProgram.from_record(each, fmt) for each in variants)
+                for variants in record["h"]
+            ),
+            inputs=tuple(record["inputs"]),
+        )
+
+    @cached_property
+    def digest(self) -> int:
+        """A number of 32 bits that other models have not, 0 of none; names do not matter."""
+        if not self:
+            return 0
+        content = self.record()
+        for program in (content["f"], *(each for variants in content["h"] for each in variants)):
+            if program is not None:
+                del program["title"]
+        content["inputs"] = len(self.inputs)
+        text = json.dumps(content, sort_keys=True).encode()
+        return int.from_bytes(hashlib.sha256(text).digest()[:4], "big") or 1
 
     @cached_property
     def _hash(self) -> int:

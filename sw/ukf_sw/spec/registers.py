@@ -10,14 +10,14 @@ from ukf_sw.spec.sequence import STEPS
 
 __all__ = [
     "CONFIG", "CONTROL", "CYCLES", "DATA_WIDTH", "ERROR", "GATE_HIGH", "GATE_LOW", "ID", "IDENTITY",
-    "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "NIS_HIGH", "NIS_LOW", "REGISTERS",
-    "SENSORS", "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access", "ErrorCode", "Field",
-    "Register",
+    "INTERRUPT_ENABLE", "INTERRUPT_PENDING", "MAGIC", "MASK", "MODELS", "NIS_HIGH", "NIS_LOW",
+    "REGISTERS", "SENSORS", "SIZES", "STATUS", "VERSION", "W0_HIGH", "W0_LOW", "Access",
+    "ErrorCode", "Field", "Register",
 ]  # fmt: skip
 
 DATA_WIDTH = 32
 MAGIC = 0x554B  #: "UK"
-VERSION = 5  #: Revision of this map.
+VERSION = 6  #: Revision of this map.
 
 
 class ErrorCode(IntEnum):
@@ -228,6 +228,11 @@ CONFIG = Register(
         Field(name="ADDITIVE_R", lsb=20, access=Access.RO,
               of=lambda p: int(p.observation_noise is Noise.ADDITIVE),
               doc="Observation noise is additive."),
+        Field(name="MODEL_F", lsb=21, access=Access.RO, of=lambda p: int(p.models.f is not None),
+              doc="The core evaluates the process model: it has the step F."),
+        Field(name="MODEL_H", lsb=22, access=Access.RO, of=lambda p: int(bool(p.models.h)),
+              doc="The core evaluates the observation models: it has the step H, and with f the "
+                  "step ITERATE."),
     ),
 )  # fmt: skip
 CONTROL = Register(
@@ -240,8 +245,11 @@ CONTROL = Register(
                   "Wins over a start bit of the same write."),
         *_steps(8, Access.W1S, "Start {}."),
         Field(name="SENSOR", lsb=16, width=5, access=Access.WO,
-              doc="Sensor, from 0, whose UPDATE the start bit of the same write starts. The start "
-                  "is illegal if there is no such sensor."),
+              doc="Sensor, from 0, whose UPDATE, H or ITERATE the start bit of the same write "
+                  "starts. The start is illegal if there is no such sensor."),
+        Field(name="VARIANT", lsb=21, width=4, access=Access.WO,
+              doc="Which of the observation models of that sensor, from 0, H or ITERATE evaluates. "
+                  "The start is illegal if there is no such model."),
     ),
 )  # fmt: skip
 STATUS = Register(
@@ -327,10 +335,15 @@ SENSORS = _identifying_word(
     "SENSORS", 0x40, "Bit i: observation i is the first one of a sensor.",
     lambda p: sum(1 << p.rows_of(sensor).start for sensor in range(len(p.sensor_rows))),
 )  # fmt: skip
+MODELS = _identifying_word(
+    "MODELS", 0x44, "A number that other models on the core would not have; 0 if there are none.",
+    lambda p: p.models.digest,
+)  # fmt: skip
 
 REGISTERS = (
     ID, SIZES, CONFIG, CONTROL, STATUS, ERROR, INTERRUPT_ENABLE, INTERRUPT_PENDING, CYCLES, MASK,
     NIS_LOW, NIS_HIGH, GATE_LOW, GATE_HIGH, W0_LOW, W0_HIGH, SENSORS,
+    MODELS,
 )  # fmt: skip
 #: Registers that say which core this is; they never change.
 IDENTITY = tuple(register for register in REGISTERS if register.is_fixed)

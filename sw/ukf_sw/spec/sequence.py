@@ -4,17 +4,21 @@ The control unit and the golden model execute these tables, co-simulation predic
 long a step takes, and the page of registers shows them.
 
 The memories of a core hold more than the estimate: sigma points that belong to it, or residuals of
-a prediction. Flags say what is there; all but PREDICTED can be read in STATUS. A step takes the
-first of its ways whose flag is set, and is illegal if there is none.
+a prediction. Flags say what is there; all but PREDICTED and PROPAGATED can be read in STATUS. A
+step takes the first of its ways whose flags are set, and is illegal if there is none. When its
+program has succeeded, it ends, or goes on as another step (:data:`FOLLOWING`).
 """
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
+from ukf_sw.spec.model_programs import CoreModels
+
 __all__ = [
-    "ENDINGS", "NO_BANK", "NO_FLAG", "OF_SENSORS", "STEPS", "WAYS", "Bank", "Change", "Ending",
-    "Flag", "Program", "Routine", "Step", "Way", "find_way", "of_sensor",
+    "ENDINGS", "FOLLOWING", "HIDDEN", "NO_BANK", "NO_FLAG", "OF_MODELS", "OF_SENSORS", "STEPS",
+    "WAYS", "Bank", "Change", "Ending", "Flag", "Program", "Routine", "Step", "Way", "find_way",
+    "is_there", "of_sensor",
 ]  # fmt: skip
 
 
@@ -27,8 +31,13 @@ class Step(IntEnum):
     PREDICT = 3
     UPDATE = 4
     COVARIANCE = 5
+    F = 6  #: The process model, then PREDICT.
+    H = 7  #: The observation model of a sensor, then UPDATE.
+    ITERATE = 8  #: F, then H.
 
 
+#: Steps that only cores with models have.
+OF_MODELS = frozenset({Step.F, Step.H, Step.ITERATE})
 #: Steps that can be started, in the order of their bits in CONTROL and STATUS.
 STEPS = tuple(step for step in Step if step is not Step.IDLE)
 
@@ -44,10 +53,12 @@ class Program(IntEnum):
     UPDATE = 5  #: x, L and the next X from Z and z.
     COVARIANCE = 6  #: P from L.
     COVARIANCE_PREDICTED = 7  #: P from the predicted residuals.
+    MODEL_F = 8  #: X from X, with the process model.
+    MODEL_H = 9  #: Z from X, with the observation model of a sensor.
 
 
 #: Programs of which each sensor has its own.
-OF_SENSORS = frozenset({Program.UPDATE_REDRAWN, Program.UPDATE})
+OF_SENSORS = frozenset({Program.UPDATE_REDRAWN, Program.UPDATE, Program.MODEL_H})
 
 
 class Routine(NamedTuple):
@@ -59,10 +70,13 @@ class Routine(NamedTuple):
         Which one.
     sensor
         Whose it is; 0 of a program that is not in :data:`OF_SENSORS`.
+    variant
+        Which of its observation models, of MODEL_H; else 0.
     """
 
     program: Program
     sensor: int = 0
+    variant: int = 0
 
 
 def of_sensor(name: str, sensor: int, sensors: int) -> str:
@@ -77,6 +91,11 @@ class Flag(IntFlag):
     POINTS = 2  #: Sigma points of the estimate, in X.
     PREDICTED = 4  #: The covariance as residuals of a PREDICT, not as factor L.
     RESIDUALS = 8  #: Residuals of a PREDICT that an UPDATE can use.
+    PROPAGATED = 16  #: Sigma points as that PREDICT has found them, in X.
+
+
+#: Flags that STATUS does not show.
+HIDDEN = Flag.PREDICTED | Flag.PROPAGATED
 
 
 class Bank(IntFlag):
@@ -88,7 +107,7 @@ class Bank(IntFlag):
 
 NO_FLAG = Flag(0)
 NO_BANK = Bank(0)
-_ALL_POINTS = Flag.POINTS | Flag.PREDICTED | Flag.RESIDUALS
+_ALL_POINTS = Flag.POINTS | Flag.PREDICTED | Flag.RESIDUALS | Flag.PROPAGATED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +117,7 @@ class Way:
     Parameters
     ----------
     needs
-        Flag that must be set; NO_FLAG is always legal.
+        Flags that must be set; NO_FLAG is always legal.
     program
         Program that it runs; None if there is nothing to do, so that the step ends at once.
     """
@@ -124,7 +143,42 @@ WAYS: dict[Step, tuple[Way, ...]] = {
         Way(needs=Flag.PREDICTED, program=Program.COVARIANCE_PREDICTED),
         Way(needs=Flag.INITIALISED, program=Program.COVARIANCE),
     ),
+    Step.F: (Way(needs=Flag.POINTS, program=Program.MODEL_F),),
+    # An UPDATE that was rejected has overwritten the sigma points of the prediction.
+    Step.H: (
+        Way(needs=Flag.RESIDUALS | Flag.PROPAGATED, program=Program.MODEL_H),
+        Way(needs=Flag.POINTS, program=Program.MODEL_H),
+    ),
+    Step.ITERATE: (Way(needs=Flag.POINTS, program=Program.MODEL_F),),
 }
+
+#: As what a step goes on when a program has succeeded.
+FOLLOWING: dict[tuple[Step, Program], Step] = {
+    (Step.F, Program.MODEL_F): Step.PREDICT,
+    (Step.H, Program.MODEL_H): Step.UPDATE,
+    (Step.ITERATE, Program.MODEL_F): Step.PREDICT,
+    (Step.ITERATE, Program.PREDICT): Step.H,
+    (Step.ITERATE, Program.MODEL_H): Step.UPDATE,
+}
+
+
+def is_there(step: Step, models: CoreModels, sensors: int, sensor: int, variant: int) -> bool:
+    """Whether a core has a step for a sensor and a variant of its model.
+
+    Parameters
+    ----------
+    step
+        The step. What it does not need does not matter.
+    models, sensors
+        Of the core: what it evaluates, and how many sensors it has.
+    sensor, variant
+        As the processor gives them.
+    """
+    if step in (Step.F, Step.ITERATE) and models.f is None:
+        return False
+    if step in (Step.H, Step.ITERATE):
+        return sensor < len(models.h) and variant < len(models.h[sensor])
+    return step is not Step.UPDATE or sensor < sensors
 
 
 def find_way(step: Step, flags: Flag) -> Way | None:
@@ -179,7 +233,7 @@ class Ending:
     gives_nis: bool = False
 
 
-_DRAWN = Change(sets=Flag.POINTS, clears=Flag.PREDICTED | Flag.RESIDUALS)
+_DRAWN = Change(sets=Flag.POINTS, clears=Flag.PREDICTED | Flag.RESIDUALS | Flag.PROPAGATED)
 _UPDATED = Change(sets=_DRAWN.sets, clears=_DRAWN.clears, turns=Bank.STATE | Bank.FACTOR)
 
 #: What every program leaves.
@@ -194,18 +248,24 @@ ENDINGS: dict[Program, Ending] = {
     ),
     Program.PREDICT: Ending(
         success=Change(
-            sets=Flag.PREDICTED | Flag.RESIDUALS, clears=Flag.POINTS, turns=Bank.STATE
+            sets=Flag.PREDICTED | Flag.RESIDUALS | Flag.PROPAGATED, clears=Flag.POINTS,
+            turns=Bank.STATE,
         ),
         failure=Change(clears=_ALL_POINTS),
     ),
     # The residuals of the prediction stay as they are, so a rejected update can be tried again.
-    Program.UPDATE: Ending(success=_UPDATED, gives_nis=True),
+    Program.UPDATE: Ending(
+        success=_UPDATED, failure=Change(clears=Flag.PROPAGATED), gives_nis=True
+    ),
     # It has overwritten the sigma points and what stood in the place of residuals.
     Program.UPDATE_REDRAWN: Ending(
         success=_UPDATED, failure=Change(clears=_ALL_POINTS), gives_nis=True
     ),
     Program.COVARIANCE: Ending(),
     Program.COVARIANCE_PREDICTED: Ending(),
+    # X then is neither what it was nor what f gives.
+    Program.MODEL_F: Ending(failure=Change(clears=_ALL_POINTS)),
+    Program.MODEL_H: Ending(),
 }  # fmt: skip
 
 if set(WAYS) != set(STEPS) or set(ENDINGS) != set(Program):

@@ -133,7 +133,7 @@ def _cycles(params: UkfParams, pipeline: Pipeline, *, redraws: bool) -> int:
     """Cycles of an iteration. Only its programs are scheduled."""
     layout, timing = Layout(params), Timing(params.pes, pipeline)
     total = 0
-    for program, sensor in iteration(params, redraws=redraws).values():
+    for program, sensor, _ in iteration(params, redraws=redraws).values():
         total += STEP_OVERHEAD
         parts = [Routine(program, sensor)]
         if program is Program.UPDATE_REDRAWN:

@@ -27,7 +27,7 @@ class Coefficients:
         Parts that sum to pi/2 times the scale. Products of all but the last with a number of
         quarter turns are exact. One of them is negative.
     ln_2
-        Parts that sum to ln 2 times the step of :func:`ukf_sw.elementary.primitives.exponent_step`.
+        Parts that sum to ln 2 times the step of :func:`ukf_sw.spec.forms.exponent_step`.
         Products of all but the last with an exponent, in these steps, are exact.
     sine, quarter_sine, tangent, arcsine, arctangent
         P, with z = r * r: the function is ``r + r * z * P(z)``; up to pi/2, pi/4, pi/4, 1/2 and 1.
