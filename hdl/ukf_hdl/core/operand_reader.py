@@ -32,8 +32,8 @@ class OperandReader(wiring.Component):
     its sign, any NaN is the one NaN of the format, whose sign is plus. A `b` that is NaN may be
     any word of NaN, of either sign.
 
-    In a format whose fraction has more bits than its bias, there is no integer for
-    :py:`exponent`: positive normal numbers give infinity.
+    In a format with more bits of fraction than its bias, there is no integer for :py:`exponent`,
+    which means nothing then, and every finite number gives zero at :py:`power`.
 
     Parameters
     ----------
@@ -85,16 +85,33 @@ class OperandReader(wiring.Component):
         return word.fraction[number] & ~word.is_zero & word.is_finite
 
     def _magnitude(self, m, word_1):
-        """Chosen last is what has constant bits: to a register they are its set and reset."""
+        """What is constant is chosen last: to a register behind it that is its set and reset."""
         fmt = self._fmt
-        magnitude = word_1.magnitude
+        fraction, exponent = word_1.fraction, word_1.exponent
+        if moved := self._present("power", "exponent"):
+            exponent = exponent & ~Cat(moved).any().replicate(len(exponent))
         for steer in self._present("exponent"):
-            magnitude = Mux(steer, self._exponent(m, word_1), magnitude)
+            special, nan = Signal(), Signal()
+            m.d.comb += [
+                nan.eq(steer & (~word_1.is_finite | (word_1.sign & ~word_1.is_zero))),
+                special.eq(nan | (steer & word_1.is_zero)),
+            ]
+            integer = min(fmt.bias + fmt.fraction_bits, fmt.max_exponent_field)
+            exponent = exponent | special.replicate(len(exponent))
+            exponent = exponent | (Const(integer, len(exponent)) & steer.replicate(len(exponent)))
+            fraction = Mux(steer, self._integer_fraction(word_1), fraction)
+            fraction = Mux(special, self._special_fraction(nan), fraction)
         for steer in self._present("power"):
-            magnitude = Mux(steer, self._power(m, word_1), magnitude)
+            nan = steer & word_1.is_nan
+            exponent = exponent | self._power_exponent(m, steer, word_1)
+            fraction = Mux(steer, self._special_fraction(nan), fraction)
+        magnitude = Cat(fraction, exponent)
         for steer in self._present("one"):
             magnitude = Mux(steer, Const(fmt.bias << fmt.fraction_bits, fmt.width - 1), magnitude)
         return magnitude
+
+    def _special_fraction(self, nan):
+        return Cat(Const(0, self._fmt.fraction_bits - 1), nan)
 
     def _sign(self, word_0, word_1):
         sign = word_1.sign
@@ -112,12 +129,11 @@ class OperandReader(wiring.Component):
                 sign = sign ^ (steer & self._bit(word_0, number))
         return sign ^ self.steering.subtract
 
-    def _power(self, m, word_1):
-        """Magnitude of the power of two that an integer stands for."""
+    def _power_exponent(self, m, steer, word_1):
+        """Exponent of the power of two that an integer stands for; zero if it is another number."""
         fmt = self._fmt
         E, F = fmt.exponent_bits, fmt.fraction_bits
-        nan, infinite, exact = Signal(), Signal(), Signal()
-        m.d.comb += nan.eq(word_1.is_nan)
+        all_ones, exact = Signal(), Signal()
         # Where all numbers are integers, bits below the top one of the fraction say how far it is
         # from the middle; those that are more than an exponent has repeat its top bit, inverted.
         top = word_1.fraction[-1]
@@ -125,37 +141,21 @@ class OperandReader(wiring.Component):
         surplus = word_1.fraction[len(low) : -1]
         field = Cat(low, (~top).replicate(E - 1 - len(low)), top)
         if fmt.bias < F:
-            m.d.comb += infinite.eq(~word_1.sign & ~word_1.is_finite)
+            is_large = ~word_1.is_finite
         else:
-            is_integer = ~word_1.sign & (word_1.exponent == fmt.bias + F)
+            is_integer = steer & ~word_1.sign & (word_1.exponent == fmt.bias + F)
             fits = surplus == (~top).replicate(len(surplus))
-            is_larger = ~word_1.sign & (word_1.exponent > fmt.bias + F)
-            m.d.comb += [
-                exact.eq(is_integer & fits),
-                infinite.eq(is_larger | (is_integer & ~fits & top)),
-            ]
-        exponent = (field & exact.replicate(E)) | (infinite | nan).replicate(E)
-        return Cat(Const(0, F - 1), nan, exponent)
+            m.d.comb += exact.eq(is_integer & fits)
+            is_large = (word_1.exponent > fmt.bias + F) | (is_integer & ~fits & top)
+        m.d.comb += all_ones.eq(steer & ((~word_1.sign & is_large) | word_1.is_nan))
+        return (field & exact.replicate(E)) | all_ones.replicate(E)
 
-    def _exponent(self, m, word_1):
-        """Magnitude of the integer that an exponent makes."""
-        fmt = self._fmt
-        E, F = fmt.exponent_bits, fmt.fraction_bits
-        special, nan = Signal(), Signal()
-        m.d.comb += [
-            nan.eq(~word_1.is_finite | (word_1.sign & ~word_1.is_zero)),
-            special.eq(nan | word_1.is_zero),
-        ]
-        if fmt.bias < F:
-            return Cat(Const(0, F - 1), nan, Const(fmt.max_exponent_field, E))
-        field = word_1.exponent[max(0, E - F) :]
+    def _integer_fraction(self, word_1):
+        """Fraction of the integer that an exponent makes."""
+        F = self._fmt.fraction_bits
+        field = word_1.exponent[-F:]
         low, top = field[:-1], field[-1]
-        fraction = Cat(low, (~top).replicate(F - 1 - len(low)), top)
-        return Mux(
-            special,
-            Cat(Const(0, F - 1), nan, Const(fmt.max_exponent_field, E)),
-            Cat(fraction, Const(fmt.bias + F, E)),
-        )
+        return Cat(low, (~top).replicate(F - len(field)), top)
 
     def _keep(self, word_1):
         is_negative = word_1.sign & ~word_1.is_nan
