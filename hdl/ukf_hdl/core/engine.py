@@ -40,7 +40,9 @@ class Engine(wiring.Component):
 
     A pivot that is not legal, and a number that is not finite and about to be written, is an
     error. The first error is kept, and neither its word nor any later one of the program writes
-    anything. The program runs to its end all the same.
+    anything. The program runs to its end all the same. A number that is not finite in the result
+    of a model is an error of that model, with the row of the result as its index; what words say
+    is unchecked may be infinite or NaN.
 
     Between programs the memories are accessible. A read gives the data :py:`LOAD_LATENCY` clocks
     after lane and address.
