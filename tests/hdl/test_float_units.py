@@ -7,9 +7,11 @@ from amaranth.sim import Simulator
 from ukf_hdl.arithmetic.float_adder import FloatAdder
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
 from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
+from ukf_sw.elementary.primitives import evaluate_root
 from ukf_sw.engine import arithmetic
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.float_format import BINARY32, FORMATS, FloatFormat
+from ukf_sw.spec.forms import Root
 
 SMALLEST = FloatFormat(exponent_bits=4, fraction_bits=5)
 ALL_FORMATS = {"smallest": SMALLEST, **FORMATS}
@@ -130,6 +132,30 @@ def test_reciprocal_sqrt_agrees_with_model(stages, name):
     expected = [params.compute(word) for word in words]
     assert received == expected
     assert {0, fmt.nan} < set(expected)
+
+
+@pytest.mark.parametrize("name", ALL_FORMATS)
+@pytest.mark.parametrize("stages", [1, "default", 6, 9, 12])
+def test_signed_reciprocal_sqrt_agrees_with_model(stages, name):
+    """Both kinds of roots, a random one on every clock."""
+    fmt = ALL_FORMATS[name]
+    if stages == "default":
+        stages = ReciprocalSqrt.DEFAULT_STAGES
+    rng = np.random.default_rng(stages)
+    large = (2 * fmt.bias - 1) << fmt.fraction_bits
+    limits = [word | sign << (fmt.width - 1) for word in (large - 1, large) for sign in (0, 1)]
+    words = 3 * (special_words(fmt) + limits) + hostile_words(fmt, rng, VECTORS)
+    signed = rng.integers(2, size=len(words))
+
+    unit = ReciprocalSqrt(fmt, stages=stages, has_signed=True)
+    received = stream(unit, [(unit.a, words), (unit.signed, signed.tolist())], unit.root)
+
+    values = fmt.decode(np.array(words, dtype=np.uint64))
+    roots = (fmt.encode(evaluate_root(fmt, root, values)) for root in (Root.PLAIN, Root.SIGNED))
+    expected = np.choose(signed, list(roots)).tolist()
+    assert received == expected
+    minus = 1 << (fmt.width - 1)
+    assert {0, minus, fmt.infinity, fmt.infinity | minus, fmt.nan} < set(expected)
 
 
 @pytest.mark.parametrize("unit_class", UNITS)

@@ -19,6 +19,8 @@ from rich.table import Table
 ROOT = Path(__file__).parents[2]
 
 ENGINE = "tests/hdl/test_engine.py"
+ENGINE_OF_MODELS = "tests/hdl/test_engine_of_models.py"
+LANE = "tests/hdl/test_processing_element.py"
 CONTROL = "tests/hdl/test_control.py"
 SCHEDULE = "tests/sw/test_schedule.py"
 SEQUENCER = "tests/hdl/test_sequencer.py"
@@ -539,12 +541,12 @@ MUTANTS = [
     ),
     Mutant(
         "processing element: operands are swapped", "hdl/ukf_hdl/core/processing_element.py",
-        "c.eq(Mux(steering.zero, 0, words[0]))", "c.eq(Mux(steering.zero, 0, words[1]))",
+        "c.eq(self._addend(words[0]))", "c.eq(self._addend(words[1]))",
         ENGINE,
     ),
     Mutant(
         "processing element: subtraction adds", "hdl/ukf_hdl/core/processing_element.py",
-        "b.eq(words[1] ^ (steering.subtract << (fmt.width - 1)))", "b.eq(words[1])",
+        "words[1] ^ (steering.subtract << (fmt.width - 1))", "words[1]",
         ENGINE,
     ),
     Mutant(
@@ -554,9 +556,61 @@ MUTANTS = [
     ),
     Mutant(
         "processing element: infinity counts as finite", "hdl/ukf_hdl/core/processing_element.py",
-        "self.is_finite.eq(written.is_finite)",
-        "self.is_finite.eq(~written.is_nan)",
+        "is_finite = written.is_finite\n", "is_finite = ~written.is_nan\n",
         ENGINE,
+    ),
+    Mutant(
+        "processing element: a condition masks the bus", "hdl/ukf_hdl/core/processing_element.py",
+        "Cat(reasons).any() & ~self.write.from_bus", "Cat(reasons).any()",
+        LANE,
+    ),
+    Mutant(
+        "processing element: conditions come a clock early",
+        "hdl/ukf_hdl/core/processing_element.py",
+        "latency = 1 + self._pipeline.multiply", "latency = self._pipeline.multiply",
+        LANE,
+    ),
+    Mutant(
+        "operand reader: NaN has a sign to copy", "hdl/ukf_hdl/core/operand_reader.py",
+        "word_0.sign & ~word_0.is_nan", "word_0.sign",
+        LANE,
+    ),
+    Mutant(
+        "operand reader: a subnormal number has bits", "hdl/ukf_hdl/core/operand_reader.py",
+        "& ~word.is_zero & word.is_finite", "& word.is_finite",
+        LANE,
+    ),
+    Mutant(
+        "operand reader: every integer is a power", "hdl/ukf_hdl/core/operand_reader.py",
+        "exact.eq(is_integer & fits)", "exact.eq(is_integer)",
+        LANE,
+    ),
+    Mutant(
+        "operand reader: the exponent of zero is plus infinity",
+        "hdl/ukf_hdl/core/operand_reader.py",
+        "minus = steer & word_1.is_zero\n", "minus = Const(0, 1)\n",
+        LANE,
+    ),
+    Mutant(
+        "reciprocal square root: one more number has a signed root",
+        "hdl/ukf_hdl/arithmetic/reciprocal_sqrt.py",
+        "a.exponent >= 2 * fmt.bias - 1", "a.exponent >= 2 * fmt.bias",
+        "tests/hdl/test_float_units.py -k signed",
+    ),
+    Mutant(
+        "engine: results of models are pivots", "hdl/ukf_hdl/core/engine.py",
+        "is_pivot & ~word.of_model", "is_pivot",
+        ENGINE_OF_MODELS,
+    ),
+    Mutant(
+        "engine: f is blamed as h", "hdl/ukf_hdl/core/engine.py",
+        "Mux(is_observation, ErrorCode.MODEL_H, ErrorCode.MODEL_F)", "ErrorCode.MODEL_H",
+        ENGINE_OF_MODELS,
+    ),
+    Mutant(
+        "engine: scalars are always checked", "hdl/ukf_hdl/core/engine.py",
+        "scalar_write & ~word.unchecked", "scalar_write",
+        ENGINE_OF_MODELS,
     ),
     Mutant(
         "engine: lanes that do not count are summed", "hdl/ukf_hdl/core/engine.py",

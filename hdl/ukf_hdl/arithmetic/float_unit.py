@@ -28,6 +28,8 @@ class FloatUnit(wiring.Component):
         Names of the inputs.
     result : :class:`str`
         Name of the output.
+    others : :class:`dict`
+        Members beside those.
 
     Raises
     ------
@@ -37,7 +39,7 @@ class FloatUnit(wiring.Component):
         If :py:`stages` is not an integer in range.
     """
 
-    def __init__(self, fmt, stages, *, operands, result):
+    def __init__(self, fmt, stages, *, operands, result, others=None):
         if not isinstance(fmt, FloatFormat):
             raise TypeError(f"Format must be a FloatFormat, not {fmt!r}")
         if stages not in range(1, MAX_STAGES + 1):
@@ -47,6 +49,7 @@ class FloatUnit(wiring.Component):
         super().__init__({
             **{name: In(fmt.width) for name in operands},
             result: Out(fmt.width),
+            **(others or {}),
         })  # fmt: skip
 
     @property

@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from amaranth import Signal
 
-__all__ = ["CutPoints"]
+__all__ = ["CutPoints", "delay"]
 
 Travelling = TypeVar("Travelling")
 
@@ -73,3 +73,26 @@ class CutPoints:
         register = Signal(value.shape(), name=f"{name}_register", reset_less=True)
         self._m.d.sync += register.eq(value)
         return register
+
+
+def delay(m, value, clocks, name):
+    """Give a value some clocks later.
+
+    The last register has a reset, which keeps it out of a shift register: those are slow to leave.
+
+    Parameters
+    ----------
+    m : :class:`Module`
+        Module that has the value.
+    value : value-like
+        What to delay.
+    clocks : :class:`int`
+        How long; 0 gives the value itself.
+    name : :class:`str`
+        Name of the registers.
+    """
+    for left in reversed(range(clocks)):
+        register = Signal(value.shape(), name=name, reset_less=left > 0)
+        m.d.sync += register.eq(value)
+        value = register
+    return value

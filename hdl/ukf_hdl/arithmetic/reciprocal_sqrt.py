@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib.data import View
 from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In
 
 from ukf_hdl.arithmetic.float_layout import SPECIAL, FloatLayout
 from ukf_hdl.arithmetic.float_unit import FloatUnit
@@ -82,6 +83,10 @@ class ReciprocalSqrt(FloatUnit):
     for powers of four. A zero of either sign gives plus zero, not infinity, and so do subnormal
     numbers and plus infinity. Other negative numbers and NaN give the NaN of the format.
 
+    With :py:`signed`, the root is that of the magnitude, with the sign of the number, as
+    :attr:`ukf_sw.spec.forms.Root.SIGNED` says: zeros give infinities, infinities give zeros, and
+    finite numbers from ``2**(bias - 1)`` on give NaN.
+
     Parameters
     ----------
     fmt : :class:`FloatFormat`
@@ -89,11 +94,15 @@ class ReciprocalSqrt(FloatUnit):
     stages : :class:`int`
         Latency in clocks, 1 to 16. From 7 on, or 10 in formats that use Newton's iteration,
         additional registers only delay the root.
+    has_signed : :class:`bool`
+        Whether there is :py:`signed`.
 
     Members
     -------
     a : :py:`In(fmt.width)`
         Operand.
+    signed : :py:`In(1)`
+        Which root it is.
     root : :py:`Out(fmt.width)`
         Reciprocal square root.
 
@@ -105,8 +114,10 @@ class ReciprocalSqrt(FloatUnit):
 
     DEFAULT_STAGES = Pipeline.reciprocal_sqrt
 
-    def __init__(self, fmt, *, stages=DEFAULT_STAGES):
-        super().__init__(fmt, stages, operands=("a",), result="root")
+    def __init__(self, fmt, *, stages=DEFAULT_STAGES, has_signed=False):
+        others = {"signed": In(1)} if has_signed else {}
+        super().__init__(fmt, stages, operands=("a",), result="root", others=others)
+        self._has_signed = has_signed
         self._params = ReciprocalSqrtParams(fmt=fmt)
 
     def elaborate(self, platform):
@@ -165,12 +176,21 @@ class ReciprocalSqrt(FloatUnit):
         odd = ~a.exponent[0]
         radicand = Mux(odd, Cat(Const(0, 1), a.significand), Cat(a.significand, Const(0, 1)))
         exponent = Signal(fmt.exponent_bits)
+        is_negative = ~a.is_zero & a.sign
+        nan = is_negative | a.is_nan
         special = Signal(SPECIAL)
+        if self._has_signed:
+            is_large = a.is_finite & (a.exponent >= 2 * fmt.bias - 1)
+            nan = Mux(self.signed, is_large, is_negative) | a.is_nan
+            m.d.comb += [
+                special.sign.eq(self.signed & a.sign),
+                special.infinite.eq(self.signed & a.is_zero),
+            ]
         m.d.comb += [
             # Half the bias, rounded up, comes back when the stored exponent is halved.
             exponent.eq((3 * fmt.bias - 1 - a.exponent) >> 1),
             special.zero.eq(a.is_zero | ~a.is_finite),
-            special.nan.eq((~a.is_zero & a.sign) | a.is_nan),
+            special.nan.eq(nan),
         ]
         return _Operand(distance, radicand if params.newton else Const(0, 1), exponent, special)
 

@@ -8,6 +8,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
 
 from ukf_hdl.arithmetic.float_layout import FloatLayout, FloatView
+from ukf_hdl.arithmetic.pipelining import delay
 from ukf_hdl.arithmetic.reciprocal_sqrt import ReciprocalSqrt
 from ukf_hdl.core.processing_element import OperandSignature, ProcessingElement
 from ukf_hdl.core.sequencer import Sequencer
@@ -39,7 +40,9 @@ class Engine(wiring.Component):
 
     A pivot that is not legal, and a number that is not finite and about to be written, is an
     error. The first error is kept, and neither its word nor any later one of the program writes
-    anything. The program runs to its end all the same.
+    anything. The program runs to its end all the same. A number that is not finite in the result
+    of a model is an error of that model, with the row of the result as its index; what words say
+    is unchecked may be infinite or NaN.
 
     Between programs the memories are accessible. A read gives the data :py:`LOAD_LATENCY` clocks
     after lane and address.
@@ -132,17 +135,9 @@ class Engine(wiring.Component):
             lanes.append(element)
         return lanes
 
-    def _delay(self, m, value, clocks, name):
-        """Give a value some clocks later.
-
-        The last register has a reset, which keeps it out of a shift register: those are slow to
-        leave.
-        """
-        for left in reversed(range(clocks)):
-            register = Signal(value.shape(), name=name, reset_less=left > 0)
-            m.d.sync += register.eq(value)
-            value = register
-        return value
+    def _has(self, name):
+        """Whether control words have a field."""
+        return bool(self._code.format.present((name,)))
 
     def _lane_set(self, number):
         """Lanes of a numbered set."""
@@ -157,7 +152,7 @@ class Engine(wiring.Component):
         """One lane of port 0: to the bus, and to who reads the memories."""
         select = Signal(range(max(len(lanes), 2)))
         m.d.comb += select.eq(Mux(self.busy, word.select, self.memory.lane))
-        select = self._delay(m, select, LOAD_LATENCY - 1, "load_select")
+        select = delay(m, select, LOAD_LATENCY - 1, "load_select")
         loaded = Signal(self._params.format.width, reset_less=True)
         m.d.sync += loaded.eq(Array(lane.word_0 for lane in lanes)[select])
         m.d.comb += self.memory.read_data.eq(loaded)
@@ -166,8 +161,9 @@ class Engine(wiring.Component):
     def _elaborate_bus(self, m, word, loaded, accumulated):
         """The scalar bus, and the reciprocal square root behind it."""
         fmt = self._params.format
+        has_signed = self._has("signed")
         m.submodules.reciprocal_sqrt = unit = ReciprocalSqrt(
-            fmt, stages=self._code.pipeline.reciprocal_sqrt
+            fmt, stages=self._code.pipeline.reciprocal_sqrt, has_signed=has_signed
         )
         number = FloatLayout(fmt)
         source = Signal(fmt.width)
@@ -181,6 +177,8 @@ class Engine(wiring.Component):
             with m.Default():
                 m.d.comb += source.eq(accumulated)
         m.d.comb += unit.a.eq(source)
+        if has_signed:
+            m.d.comb += unit.signed.eq(word.signed)
         with m.If(~self.busy):
             m.d.comb += value.eq(self.memory.write_data)
         with m.Elif(~self._is_masked(word.bus_observation)):
@@ -224,16 +222,21 @@ class Engine(wiring.Component):
         """The first error, the NIS, and whether what this word writes may be written."""
         run, rows = self.run, self._params.m
         written = self._lane_set(word.write_lanes)
+        write, scalar_write = word.write, word.scalar_write
+        if self._has("unchecked"):
+            write, scalar_write = write & ~word.unchecked, scalar_write & ~word.unchecked
         bad_lanes = Signal(self._params.pes)
         bad_scalar = Signal()
         m.d.comb += [
-            bad_lanes.eq(Mux(word.write, ~Cat(lane.is_finite for lane in lanes) & written, 0)),
-            bad_scalar.eq(word.scalar_write & ~bus.value.is_finite),
+            bad_lanes.eq(Mux(write, ~Cat(lane.is_finite for lane in lanes) & written, 0)),
+            bad_scalar.eq(scalar_write & ~bus.value.is_finite),
         ]
 
         # A pivot: what is on the bus before any mask.
         pivot = bus.source
         is_pivot = (word.row != 0) & ~word.coupling
+        if self._has("of_model"):
+            is_pivot = is_pivot & ~word.of_model
         is_positive = ~pivot.sign & ~pivot.is_zero & ~pivot.is_nan
         row = (word.row - 1)[: len(word.row)]
         is_observation = word.row <= rows
@@ -284,6 +287,15 @@ class Engine(wiring.Component):
                     run.error_code.eq(ErrorCode.NOT_FINITE),
                     run.innovation_overflow.eq(~other),
                 ]
+                if self._has("of_model"):
+                    with m.If(word.of_model & bad_lanes.any()):
+                        m.d.sync += [
+                            run.error_code.eq(
+                                Mux(is_observation, ErrorCode.MODEL_H, ErrorCode.MODEL_F)
+                            ),
+                            run.error_index.eq(Mux(is_observation, row, row - rows)),
+                            run.innovation_overflow.eq(0),
+                        ]
         with m.If(passed & word.nis):
             m.d.sync += run.nis.eq(bus.value)
         return passed
@@ -304,7 +316,7 @@ class Engine(wiring.Component):
             write.data.eq(bus.value),
             write.en.eq(passed & word.scalar_write),
         ]
-        return self._delay(m, read.data, 1, "scalar")
+        return delay(m, read.data, 1, "scalar")
 
     def _elaborate_operands(self, m, word, scalar, lanes):
         """Addresses and steering, the same for all lanes."""
@@ -314,7 +326,7 @@ class Engine(wiring.Component):
         operands = signature.create(path=("operands",))
         bank_0 = word.bank_state_0 & self.banks.state | word.bank_factor_0 & self.banks.factor
         bank_1 = word.bank_factor_1 & self.banks.factor
-        steering = self._delay(m, Cat(word[name] for name in names), 1, "steering")
+        steering = delay(m, Cat(word[name] for name in names), 1, "steering")
         with m.If(self.busy):
             m.d.comb += operands.address_0.eq(word.address_0 | bank_0 << (width - 1))
         with m.Else():
@@ -330,18 +342,18 @@ class Engine(wiring.Component):
         """The adders as the tree of the dot product, and the last one as its accumulator."""
         pes, timing = self._params.pes, self._code.timing
         add = timing.pipeline.add
-        counted = self._lane_set(self._delay(m, word.select, timing.product - 1, "select"))
-        counted = self._delay(m, counted, 1, "counted")
+        counted = self._lane_set(delay(m, word.select, timing.product - 1, "select"))
+        counted = delay(m, counted, 1, "counted")
         # Beats of a program that was stopped must not meet those of the next.
         beats = Signal(timing.accumulate)
         m.d.sync += beats.eq(Mux(self.run.start, 0, Cat(word.dot, beats)))
         dot = [beats[timing.product + level * add - 1] for level in range(timing.levels + 1)]
-        first = self._delay(m, word.first, timing.accumulate, "first")
+        first = delay(m, word.first, timing.accumulate, "first")
 
         def term(source):
             lane = lanes[source.lane]
             value = lane.sum if source.is_sum else lane.product
-            return self._delay(m, value, source.wait * add, f"waiting_{source.lane}")
+            return delay(m, value, source.wait * add, f"waiting_{source.lane}")
 
         nodes, root = adder_tree(pes)
         for node in nodes:

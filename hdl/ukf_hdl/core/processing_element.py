@@ -1,6 +1,6 @@
 """Processing element: a lane of the array."""
 
-from amaranth import Module, Mux, Signal, unsigned
+from amaranth import Cat, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -8,6 +8,8 @@ from amaranth.lib.wiring import In, Out
 from ukf_hdl.arithmetic.float_adder import FloatAdder
 from ukf_hdl.arithmetic.float_layout import FloatLayout
 from ukf_hdl.arithmetic.float_multiplier import FloatMultiplier
+from ukf_hdl.arithmetic.pipelining import delay
+from ukf_hdl.core.operand_reader import CONDITIONS, READINGS, OperandReader
 from ukf_hdl.memory_style import ram_style
 
 __all__ = ["OperandSignature", "ProcessingElement", "WriteSignature"]
@@ -80,9 +82,11 @@ class ProcessingElement(wiring.Component):
     """One multiplier, one adder and one slice of the memory.
 
     On every clock two words are read, at the addresses of :py:`operands`. Two clocks later they
-    are operands: `a` is the first word, or the scalar if :py:`use_scalar`; `b` is the second word,
-    with its sign turned if :py:`subtract`; `c` is the first word, or zero if :py:`zero`. The
-    steering inputs and the scalar are due one clock after the addresses.
+    are operands: `a` is the first word, or the scalar if :py:`use_scalar`; `b` is what
+    :class:`OperandReader` makes of the words, the second with its sign turned if
+    :py:`subtract`; `c` is the first word, or the scalar if :py:`scalar_addend`, or if :py:`zero`,
+    plus zero, minus zero if :py:`minus_zero` too. The steering inputs and the scalar are due one
+    clock after the addresses.
 
     :py:`pipeline.multiply` clocks later, on the clock of :py:`drop_product` and :py:`in_tree`,
     :py:`product` is `a * b`, or zero if :py:`drop_product`, and the adder adds product and `c`, or
@@ -92,6 +96,10 @@ class ProcessingElement(wiring.Component):
     A write takes the bus if :py:`from_bus` or else, unless :py:`clear` makes it zero, :py:`sum`;
     the word can be read from the next clock on. A word that is read on the clock on which it is
     written is undefined.
+
+    On the clock of :py:`sum` the lane keeps what it has, whatever :py:`write.enable` says, if the
+    steering of its operands had a condition that is not met: those of :class:`OperandReader`, or
+    :py:`if_finite`, if what would be written is not finite. The bus is always written.
 
     Parameters
     ----------
@@ -119,16 +127,17 @@ class ProcessingElement(wiring.Component):
     write : :py:`In(WriteSignature(...))`
         Word to write, and what.
     is_finite : :py:`Out(1)`
-        What would be written is neither infinite nor NaN.
+        What would be written is neither infinite nor NaN, or the lane keeps what it has.
     """
 
     def __init__(self, fmt, pipeline, words, steering):
         self._fmt = fmt
         self._pipeline = pipeline
         self._words = words
+        self._steering = tuple(steering)
         address_width = (len(words) - 1).bit_length()
         super().__init__({
-            "operands":     In(OperandSignature(fmt, address_width, steering)),
+            "operands":     In(OperandSignature(fmt, address_width, self._steering)),
             "word_0":       Out(fmt.width),
             "drop_product": In(1),
             "in_tree":      In(1),
@@ -146,6 +155,11 @@ class ProcessingElement(wiring.Component):
         operands, steering = self.operands, self.operands.steering
         word = unsigned(fmt.width)
         written = Signal(FloatLayout(fmt))
+        enable = self.write.enable
+        kept = Signal()  # whatever is enabled
+        has_conditions = self._has(*CONDITIONS, "if_finite")
+        if has_conditions:
+            enable = enable & ~kept.replicate(len(enable))
 
         # One copy of the memory for each read port; both are written.
         words = []
@@ -164,16 +178,25 @@ class ProcessingElement(wiring.Component):
                 read.addr.eq(address),
                 write.addr.eq(self.write.address),
                 write.data.eq(written),
-                write.en.eq(self.write.enable),
+                write.en.eq(enable),
             ]
             words.append(read.data[: fmt.width])
 
         # Operands. A subtraction turns the sign of b, so that of the product.
+        read_b, keep = words[1] ^ (steering.subtract << (fmt.width - 1)), Const(0, 1)
+        if self._has(*READINGS, *CONDITIONS):
+            m.submodules.reader = reader = OperandReader(fmt, self._steering)
+            m.d.comb += [
+                reader.word_0.eq(words[0]),
+                reader.word_1.eq(words[1]),
+                reader.steering.eq(steering),
+            ]
+            read_b, keep = reader.b, reader.keep
         a, b, c = (Signal(word, name=name, reset_less=True) for name in "abc")
         m.d.sync += [
             a.eq(Mux(steering.use_scalar, operands.scalar, words[0])),
-            b.eq(words[1] ^ (steering.subtract << (fmt.width - 1))),
-            c.eq(Mux(steering.zero, 0, words[0])),
+            b.eq(read_b),
+            c.eq(self._addend(words[0])),
         ]
 
         # Multiplier, and c in step with it.
@@ -201,5 +224,34 @@ class ProcessingElement(wiring.Component):
             m.d.comb += written.eq(self.write.bus)
         with m.Elif(~self.write.clear):
             m.d.comb += written.eq(self.sum)
-        m.d.comb += self.is_finite.eq(written.is_finite)
+        is_finite = written.is_finite
+        if has_conditions:
+            m.d.comb += kept.eq(self._keeps(m, keep, written))
+            is_finite = is_finite | kept
+        m.d.comb += self.is_finite.eq(is_finite)
         return m
+
+    def _has(self, *names):
+        """Whether there is one of some steering inputs."""
+        return not set(names).isdisjoint(self._steering)
+
+    def _addend(self, word_0):
+        """Operand c."""
+        steering = self.operands.steering
+        addend, zero = word_0, 0
+        if self._has("scalar_addend"):
+            addend = Mux(steering.scalar_addend, self.operands.scalar, word_0)
+        if self._has("minus_zero"):
+            zero = Cat(Const(0, self._fmt.width - 1), steering.minus_zero)
+        return Mux(steering.zero, zero, addend)
+
+    def _keeps(self, m, keep, written):
+        """Whether the lane keeps what it has; decided with the operands, due with their sum."""
+        latency = 1 + self._pipeline.multiply + self._pipeline.add
+        reasons = []
+        if self._has(*CONDITIONS):
+            reasons.append(delay(m, keep, latency, "kept"))
+        if self._has("if_finite"):
+            if_finite = delay(m, self.operands.steering.if_finite, latency, "if_finite")
+            reasons.append(if_finite & ~written.is_finite)
+        return Cat(reasons).any() & ~self.write.from_bus
