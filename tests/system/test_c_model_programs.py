@@ -34,9 +34,8 @@ needs_arm = pytest.mark.skipif(
 POINTS = 1000
 #: Many points, in parts that fit in memory.
 MANY, PARTS = 100_000, 10
-#: A compiler that may fuse, and one that may do anything; both know the processor that they are on.
+#: A compiler that may fuse operations, for the processor that it is on.
 FUSED = ("-O3", "-march=native", "-ffp-contract=fast")
-FAST = ("-Ofast", "-march=native", "-ffp-contract=fast")
 #: What the user of a small processor writes, and one that has fused operations.
 ARM_FUSED = ("-O3", "-mcpu=cortex-a7", "-mfpu=neon-vfpv4", "-ffp-contract=fast")
 FORMS = [
@@ -48,13 +47,15 @@ FORMS = [
         Multiplier, Addend, Reading, Sign, (False, True), Condition
     )
 ]  # fmt: skip
-#: Formats by the way in which C computes in them, and the narrowest ones.
+#: Formats by the way in which C computes in them; the others are in the exhaustive tests.
 OTHERS = [
-    FloatFormat.from_name(name)
-    for name in (
-        "binary64", "binary16", "bfloat16", "float6.17", "float5.24", "float6.25", "float4.27",
-        "float11.20", "float4.5", "float11.5",
-    )
+    pytest.param(FloatFormat.from_name(name), id=name, marks=[] if quick else [pytest.mark.slow])
+    for name, quick in {
+        "binary64": True, "binary16": True, "bfloat16": False,
+        "float6.17": True, "float5.24": False, "float11.20": False, "float8.5": False,
+        "float4.5": False, "float11.5": True,
+        "float6.25": True, "float4.27": False,
+    }.items()
 ]  # fmt: skip
 
 
@@ -90,14 +91,15 @@ def sources():
     )
 
 
-def random_programs(fmt, rng, length=32):
-    """All forms in random order, with random operands; everything that is written is a result."""
+def random_programs(fmt, rng, share=0.1, length=32):
+    """A share of all forms, with random operands; everything that is written is a result."""
     forms = [
         form for form in FORMS
         if has_integers(fmt) or form.reading in (Reading.NUMBER, Reading.ONE)
     ]  # fmt: skip
     steps = [*forms, *(list(Root) * 40)]
     rng.shuffle(steps)
+    steps = steps[: round(share * len(steps))]
     numbers = [0.0, -0.0, 1.0, -1.0, 2.0, np.nan, np.inf, -np.inf, fmt.min_normal, fmt.max_finite]
     numbers += fmt.round(rng.standard_normal(10)).tolist()
 
@@ -115,7 +117,9 @@ def random_programs(fmt, rng, length=32):
 
         made = []
         for step in steps:
-            writes = Temporary(len(known)) if rng.random() < 0.7 else known[rng.integers(len(known))]
+            writes = (
+                Temporary(len(known)) if rng.random() < 0.7 else known[rng.integers(len(known))]
+            )
             if isinstance(step, Root):
                 source = known[rng.integers(len(known))]
                 made.append(RootStep(root=step, destination=writes, source=source))
@@ -175,7 +179,9 @@ def hostile(fmt, rng, shape):
     values = values.astype(dtype(fmt))
     bits = words(values)
     payload = rng.integers(1, 1 << 20, shape).astype(bits.dtype)
-    payload |= rng.integers(0, 2, shape).astype(bits.dtype) << bits.dtype.type(8 * bits.itemsize - 1)
+    payload |= rng.integers(0, 2, shape).astype(bits.dtype) << bits.dtype.type(
+        8 * bits.itemsize - 1
+    )
     bits[:] = np.where(np.isnan(values), bits | payload, bits)
     return values
 
@@ -193,7 +199,9 @@ def with_neighbours(fmt, rng, words, fractions):
     difference = rng.integers(-2, 3, others.shape).astype(np.uint64)
     turn = np.uint64(1 << (fmt.width - 1))
     near = (first ^ turn) + difference
-    second[:] = np.where(close & (exponent > 0) & (exponent < fmt.max_exponent_field - 1), near, second)
+    second[:] = np.where(
+        close & (exponent > 0) & (exponent < fmt.max_exponent_field - 1), near, second
+    )
 
 
 def make_points(fmt, rng, count):
@@ -232,31 +240,30 @@ def said(program, points, found, expected, different):
 # Equal bits.
 
 
-def programs_of(fmt):
+def programs_of(fmt, **options):
     """Elementary functions, if there are any of the format, and random programs."""
-    programs = random_programs(fmt, np.random.default_rng(fmt.width))
+    programs = random_programs(fmt, np.random.default_rng(fmt.width), **options)
     return (elementary(fmt) if fmt in FORMATS.values() else {}) | programs
 
 
 @needs_cc
-@pytest.mark.parametrize(
-    "flags", [("-O2",), FUSED, FAST], ids=["O2", "fused", "fast"]
-)  # fmt: skip
+@pytest.mark.parametrize("flags", [("-O2",), FUSED], ids=["O2", "fused"])
 def test_binary32(flags, tmp_path):
-    """Whatever the compiler is told."""
-    numbers = compare(programs_of(BINARY32), BINARY32, tmp_path, 1, flags=flags)
-    assert numbers > 100 * POINTS
+    """Whether the compiler may fuse operations or not."""
+    assert compare(programs_of(BINARY32), BINARY32, tmp_path, 1, flags=flags) > 50 * POINTS
 
 
 @needs_cc
-@pytest.mark.parametrize("fmt", OTHERS, ids=lambda fmt: fmt.name)
+@pytest.mark.parametrize("fmt", OTHERS)
 def test_other_formats(fmt, tmp_path):
-    numbers = compare(programs_of(fmt), fmt, tmp_path, 2, flags=FUSED)
-    assert numbers > 100 * POINTS
+    assert compare(programs_of(fmt), fmt, tmp_path, 2, flags=FUSED) > 40 * POINTS
 
 
 @needs_arm
 @pytest.mark.parametrize("fmt", [BINARY32, BINARY64], ids=lambda fmt: fmt.name)
-@pytest.mark.parametrize("flags", [("-O2",), ARM_FUSED], ids=["O2", "fused"])
+@pytest.mark.parametrize(
+    "flags", [pytest.param(("-O2",), marks=pytest.mark.slow), ARM_FUSED], ids=["O2", "fused"]
+)
 def test_on_the_arm(fmt, flags, tmp_path):
+    """The emulated processor has no fused operations: it would stop at one."""
     compare(programs_of(fmt), fmt, tmp_path, 3, flags=flags, toolchain=Toolchain.CORTEX_A9)

@@ -18,6 +18,8 @@ import re
 from collections.abc import Iterable
 from string import Template
 
+import numpy as np
+
 from ukf_sw.elementary.primitives import exponent_step
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.float_format import BINARY32, BINARY64, FloatFormat
@@ -77,14 +79,8 @@ def literal(fmt: FloatFormat, value: float) -> str:
         raise ValueError(f"constants must be numbers of {fmt.name}, not {value!r}")
     if abs(value) == float("inf"):
         return "INFINITY" if value > 0.0 else "-INFINITY"
-    if not suffix(fmt):
-        return repr(value)
-    # The fewest digits that are this number, as repr gives them for double.
-    digits = next(
-        text for text in (f"{value:.{count}g}" for count in range(1, 10))
-        if float(BINARY32.round(float(text))) == value
-    )  # fmt: skip
-    return f"{digits if re.search('[.e]', digits) else digits + '.0'}f"
+    # The fewest digits that are this number.
+    return f"{np.float32(value)}f" if suffix(fmt) else repr(value)
 
 
 _HEAD = """\
@@ -93,14 +89,15 @@ _HEAD = """\
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Each operation is rounded by itself, also where a compiler would rather fuse or reorder some. */
+/* Each operation is rounded by itself, also where a compiler would rather fuse two of them. */
 #if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC optimize("fp-contract=off", "no-fast-math")
+#pragma GCC optimize("fp-contract=off")
 #else
 #pragma STDC FP_CONTRACT OFF
-#ifdef __FAST_MATH__
-#error "-ffast-math changes results"
 #endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "compile this file without -ffast-math and -Ofast, which change results"
 #endif
 
 #if FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 2
@@ -362,7 +359,9 @@ def _root(fmt: FloatFormat) -> str:
     p = ReciprocalSqrtParams(fmt=fmt)
     columns = 3 if p.degree == 2 else 2
     rows = [f"{{{', '.join(map(str, row[:columns]))}}}" for row in p.table]
-    table = "\n".join(f"    {', '.join(rows[start : start + 4])}," for start in range(0, len(rows), 4))
+    table = "\n".join(
+        f"    {', '.join(rows[start : start + 4])}," for start in range(0, len(rows), 4)
+    )
     distance_bits = p.distance_bits
     scale_bits = p.slope_fraction_bits + p.distance_fraction_bits
     slope = "row[1]"

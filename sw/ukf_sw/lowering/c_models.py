@@ -9,11 +9,12 @@ takes what one sigma point has and gives its rows of the result, which may be th
 
     void ukf_model_f(const float x[], const float noise[], const float u[], float result[]);
 
-The files need nothing else, and no flags: a compiler that would fuse or reorder operations is told
-not to. Numbers are float if that has all numbers of the format, else double.
+The files need nothing else, and no flags: a compiler that would fuse operations is told not to, and
+``-ffast-math`` is refused. Numbers are float if that has all numbers of the format, else double.
 """
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from ukf_sw.lowering.c_arithmetic import check_format, helpers, literal, number_type, suffix
@@ -180,9 +181,7 @@ def _comment(program: ModelProgram, inputs: Sequence[str]) -> str:
         f"From {', '.join(extents) or 'nothing'}: result[0..{len(program.outputs) - 1}].",
     ]
     lines += [
-        f"u[{index}]: {inputs[index]}"
-        for index in sorted(read.get("u", ()))
-        if index < len(inputs)
+        f"u[{index}]: {inputs[index]}" for index in sorted(read.get("u", ())) if index < len(inputs)
     ]
     return "\n".join(f" * {' '.join(line.split()).replace('*/', '* /')}" for line in lines)
 
@@ -220,9 +219,9 @@ class _Body:
         self._declared: set[Temporary] = set()
         self._needed: set[Temporary] = set()
         self._steps = self._needed_steps()
-        written = [temporary for temporary, _ in program.inputs]
-        written += [step.destination for step in self._steps]
-        self._once = {temporary for temporary in written if written.count(temporary) == 1}
+        writes = Counter(temporary for temporary, _ in program.inputs)
+        writes.update(step.destination for step in self._steps)
+        self._once = {temporary for temporary, count in writes.items() if count == 1}
 
     def _needed_steps(self) -> list[SlotStep | RootStep]:
         """Give the steps that have a part in a result; leaves the inputs that have in _needed."""
@@ -299,7 +298,9 @@ class _Body:
             return product
         if addend is Addend.PLUS_ZERO:
             return f"0.0{self._suffix} + {product}"
-        return f"add({self._text(step.word_0 if addend is Addend.WORD else step.scalar)}, {product})"
+        return (
+            f"add({self._text(step.word_0 if addend is Addend.WORD else step.scalar)}, {product})"
+        )
 
     def _product(self, step: SlotStep) -> str:
         form = step.form
