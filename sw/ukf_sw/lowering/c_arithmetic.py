@@ -111,6 +111,14 @@ _HEAD = """\
 /* The same of $holder, which holds the numbers. */
 #define HOLDER_FRACTION_BITS $holder_fraction_bits
 #define HOLDER_BIAS $holder_bias
+#define MIN_NORMAL_MAGNITUDE (($word)2 << HOLDER_FRACTION_BITS)
+
+/* Results near zero are rare, and so not in line. */
+#ifdef __GNUC__
+#define RARE __attribute__((noinline, cold))
+#else
+#define RARE
+#endif
 
 union bits {
     $holder number;
@@ -204,10 +212,23 @@ static inline $holder exponent($holder a)
 
 # Binary32 and binary64.
 _OF_THE_PROCESSOR = {
+    "magnitude": """\
+/* Magnitudes are in the order of these. */
+static inline $word magnitude($holder a)
+{
+    return word_of(a) << 1;
+}
+""",
+    "small_sum": """\
+RARE static $holder small_sum($holder a)
+{
+    return copysign$f(0.0$f, a);
+}
+""",
     "flushed": """\
 static inline $holder flushed($holder a)
 {
-    return fabs$f(a) < MIN_NORMAL ? copysign$f(0.0$f, a) : a;
+    return magnitude(a) < MIN_NORMAL_MAGNITUDE ? small_sum(a) : a;
 }
 """,
     "input": """\
@@ -228,15 +249,12 @@ static inline $holder add($holder a, $holder b)
  * A product that is the smallest normal number or less: whether it is that, with the exponent
  * unbounded, shows in a larger one.
  */
-static $holder small_product($holder a, $holder b)
+RARE static $holder small_product($holder a, $holder b)
 {
     const $holder scale = $scale;
-    const $holder magnitude_a = fabs$f(a), magnitude_b = fabs$f(b);
-    const $holder scaled = magnitude_a < magnitude_b ? magnitude_a * scale * magnitude_b
-                                                 : magnitude_b * scale * magnitude_a;
-    const $holder magnitude = scaled < MIN_NORMAL * scale ? 0.0$f : MIN_NORMAL;
+    const $holder large = magnitude(a) < magnitude(b) ? a * scale * b : b * scale * a;
 
-    return !signbit(a) == !signbit(b) ? magnitude : -magnitude;
+    return copysign$f(fabs$f(large) < MIN_NORMAL * scale ? 0.0$f : MIN_NORMAL, large);
 }
 """,
     "multiply": """\
@@ -244,7 +262,7 @@ static inline $holder multiply($holder a, $holder b)
 {
     const $holder product = a * b;
 
-    return fabs$f(product) <= MIN_NORMAL ? small_product(a, b) : product;
+    return magnitude(product) <= MIN_NORMAL_MAGNITUDE ? small_product(a, b) : product;
 }
 """,
 }
@@ -340,15 +358,15 @@ _SIGNED_ROOT = {
 /* 1/sqrt(abs(a)) with the sign of a; NaN if its square could not be the reciprocal. */
 static $holder signed_reciprocal_sqrt($holder a)
 {
-    const $holder magnitude = fabs$f(a);
+    const $holder absolute = fabs$f(a);
 
-    if (magnitude == 0.0$f) {
+    if (absolute == 0.0$f) {
         return copysign$f(INFINITY, a);
     }
-    if (a != a || (magnitude >= $large && magnitude < INFINITY)) {
+    if (a != a || (absolute >= $large && absolute < INFINITY)) {
         return NAN;
     }
-    return copysign$f(reciprocal_sqrt(magnitude), a);
+    return copysign$f(reciprocal_sqrt(absolute), a);
 }
 """,
 }
