@@ -1,17 +1,15 @@
 """Programs of models as C, bit for bit as the golden model executes them."""
 
 import itertools
-import re
-import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from support.c_model_programs import dtype, execute_c, execute_golden, words
 from ukf_sim.c_in_the_loop.compiler import CompilerError, Toolchain, compile_c
-from ukf_sw.elementary.coefficients import coefficients
 from ukf_sw.elementary.functions import FUNCTIONS
-from ukf_sw.lowering.c_arithmetic import literal
+from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.lowering.c_models import c_files, c_source
 from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64, FORMATS, FloatFormat
 from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
@@ -69,17 +67,18 @@ def has_integers(fmt):
 
 def elementary(fmt):
     """Every elementary function, with its arguments as x."""
-    programs = {}
-    for name, function in FUNCTIONS.items():
-        sequence = function.sequence(fmt)
-        programs[name] = ModelProgram(
-            title=name, fmt=fmt, steps=sequence.steps, outputs=sequence.outputs,
-            inputs=tuple(
-                (temporary, Source(SourceKind.STATE, row))
-                for row, temporary in enumerate(sequence.inputs)
-            ),
-        )  # fmt: skip
-    return programs
+    return {name: of_sequence(name, function.sequence(fmt)) for name, function in FUNCTIONS.items()}
+
+
+def of_sequence(title, sequence):
+    """A program with the inputs of a sequence as x."""
+    return ModelProgram(
+        title=title, fmt=sequence.fmt, steps=sequence.steps, outputs=sequence.outputs,
+        inputs=tuple(
+            (temporary, Source(SourceKind.STATE, row))
+            for row, temporary in enumerate(sequence.inputs)
+        ),
+    )  # fmt: skip
 
 
 def sources():
@@ -170,7 +169,7 @@ def hostile(fmt, rng, shape):
     kinds.append(formed.astype(np.uint64) if has_integers(fmt) else kinds[0])
     chosen = np.choose(rng.choice(4, shape, p=[0.25, 0.4, 0.15, 0.2]), kinds)
     chosen |= np.where(rng.random(shape) < 0.5, 0, sign).astype(np.uint64)
-    with_neighbours(fmt, rng, chosen, fractions)
+    add_pairs(fmt, rng, chosen, fractions)
     values = fmt.decode(chosen).astype(dtype(fmt))
 
     # What is no number of the format: subnormal ones, and NaN with signs and other bits.
@@ -186,22 +185,19 @@ def hostile(fmt, rng, shape):
     return values
 
 
-def with_neighbours(fmt, rng, words, fractions):
-    """Pairs, in columns side by side, of products near the smallest number and small differences."""
-    F = np.uint64(fmt.fraction_bits)
+def add_pairs(fmt, rng, words, fractions):
+    """In columns side by side: products near the smallest normal number, and small differences."""
+    F, ones = np.uint64(fmt.fraction_bits), fmt.max_exponent_field
     first, second = words[:, :-1], words[:, 1:]
-    exponent = (first >> F & np.uint64(fmt.max_exponent_field)).astype(np.int64)
-    others = fmt.bias + 1 - exponent + rng.integers(-3, 3, exponent.shape)
-    fits = (others > 0) & (others < fmt.max_exponent_field) & (rng.random(others.shape) < 0.2)
-    product = np.where(fits, others, 0).astype(np.uint64) << F | fractions[:, 1:]
+    exponent = (first >> F & np.uint64(ones)).astype(np.int64)
+    other = fmt.bias + 1 - exponent + rng.integers(-3, 3, exponent.shape)
+    fits = (other > 0) & (other < ones) & (rng.random(other.shape) < 0.2)
+    product = np.where(fits, other, 0).astype(np.uint64) << F | fractions[:, 1:]
     second[:] = np.where(fits, product, second)
-    close = rng.random(others.shape) < 0.1
-    difference = rng.integers(-2, 3, others.shape).astype(np.uint64)
-    turn = np.uint64(1 << (fmt.width - 1))
-    near = (first ^ turn) + difference
-    second[:] = np.where(
-        close & (exponent > 0) & (exponent < fmt.max_exponent_field - 1), near, second
-    )
+    fits = (exponent > 0) & (exponent < ones - 1) & (rng.random(other.shape) < 0.1)
+    difference = rng.integers(-2, 3, other.shape).astype(np.uint64)
+    near = (first ^ np.uint64(1 << (fmt.width - 1))) + difference
+    second[:] = np.where(fits, near, second)
 
 
 def make_points(fmt, rng, count):
@@ -254,6 +250,27 @@ def test_binary32(flags, tmp_path):
 
 
 @needs_cc
+@pytest.mark.slow
+def test_every_form(tmp_path):
+    programs = random_programs(BINARY32, np.random.default_rng(5), share=1.0)
+    forms = {form for program in programs.values() for form in program.forms}
+    assert len(forms) == len(FORMS)
+    assert compare(programs, BINARY32, tmp_path, 5, flags=("-O2",)) > 400 * POINTS
+
+
+@needs_cc
+@pytest.mark.slow
+@pytest.mark.parametrize("flags", [("-O2",), ("-O3",)], ids=["O2", "O3"])
+@pytest.mark.parametrize("fmt", [BINARY32, BINARY64, BINARY16], ids=lambda fmt: fmt.name)
+def test_many_points(fmt, flags, tmp_path):
+    for part in range(PARTS):
+        compare(
+            programs_of(fmt, share=0.03), fmt, tmp_path, 100 + part, count=MANY // PARTS,
+            flags=flags,
+        )  # fmt: skip
+
+
+@needs_cc
 @pytest.mark.parametrize("fmt", OTHERS)
 def test_other_formats(fmt, tmp_path):
     assert compare(programs_of(fmt), fmt, tmp_path, 2, flags=FUSED) > 40 * POINTS
@@ -267,3 +284,147 @@ def test_other_formats(fmt, tmp_path):
 def test_on_the_arm(fmt, flags, tmp_path):
     """The emulated processor has no fused operations: it would stop at one."""
     compare(programs_of(fmt), fmt, tmp_path, 3, flags=flags, toolchain=Toolchain.CORTEX_A9)
+
+
+# What is written.
+
+
+def example(fmt=BINARY32):
+    """A program with all kinds of inputs, one that nothing needs, and a step that nothing needs."""
+    builder = SequenceBuilder(fmt)
+    x, noise, u, _ = (builder.input() for _ in range(4))
+    total = builder.scaled(0.5, noise, plus=x)
+    builder.product(total, total)
+    builder.copied(u, negate=True, condition=Condition.NEGATIVE, where=x, into=total)
+    made = of_sequence("f of an example", builder.finish(total, x, Constant(2.0)))
+    kinds = [SourceKind.STATE, SourceKind.NOISE, SourceKind.INPUT, SourceKind.INPUT]
+    inputs = tuple(
+        (temporary, Source(kind, number))
+        for number, ((temporary, _), kind) in enumerate(zip(made.inputs, kinds, strict=True))
+    )
+    return replace(made, inputs=inputs)
+
+
+def test_a_function_is_for_people():
+    assert (
+        c_source(example(), "ukf_model_f", inputs=("dt", "", "a * b*/c"))
+        == """\
+/*
+ * f of an example
+ * From x[0..0], noise[0..1], u[0..3]: result[0..2].
+ * u[2]: a * b* /c
+ */
+void ukf_model_f(const float x[], const float noise[], const float u[], float result[])
+{
+    const float t0 = input(x[0]);
+    const float t1 = input(noise[1]);
+    const float t2 = input(u[2]);
+    float t4 = add(t0, multiply(0.5f, t1));
+    if (is_negative(t0)) {
+        t4 = -t2;
+    }
+    result[0] = output(t4);
+    result[1] = output(t0);
+    result[2] = output(2.0f);
+}
+"""
+    )
+
+
+@pytest.mark.parametrize(
+    ("fmt", "type_"), [("binary32", "float"), ("float6.17", "float"), ("float6.25", "double")]
+)
+def test_numbers_are_float_if_it_has_all_of_them(fmt, type_):
+    files = c_files({"f": example(FloatFormat.from_name(fmt))}, prefix="mine")
+    assert list(files) == ["mine.h", "mine.c"]
+    assert f"void mine_f(const {type_} x[]" in files["mine.h"]
+    assert "MINE_H" in files["mine.h"]
+
+
+@needs_cc
+@pytest.mark.parametrize("toolchain", list(Toolchain), ids=lambda toolchain: toolchain.value)
+@pytest.mark.parametrize("fmt", FORMATS.values(), ids=lambda fmt: fmt.name)
+def test_it_compiles_without_a_warning(fmt, toolchain, tmp_path):
+    """With the flags of our own sources, each function with just the helpers that it needs."""
+    if not toolchain.available:
+        pytest.skip(f"{toolchain.command[0]} is not installed")
+    names = ("sqrt", "sin", "exp", "log", "less") if fmt == BINARY32 else ("log",)
+    functions = elementary(fmt)
+    programs = [{name: functions[name]} for name in names]
+    programs.append({"nothing": of_sequence("", SequenceBuilder(fmt).finish(Constant(1.5)))})
+    for number, one in enumerate(programs):
+        for name, text in c_files(one).items():
+            (tmp_path / name).write_text(text)
+        flags = ("-c", "-ffreestanding", "-Wunused", "-Wdouble-promotion")
+        compile_c(
+            [tmp_path / "ukf_model.c"], tmp_path / f"{number}.o", [tmp_path], toolchain=toolchain,
+            flags=flags,
+        )  # fmt: skip
+
+
+@needs_cc
+@pytest.mark.parametrize("flag", ["-Ofast", "-ffast-math", "-ffinite-math-only"])
+def test_flags_that_change_results_are_refused(flag, tmp_path):
+    for name, text in c_files({"f": example()}).items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(CompilerError, match="compile this file without -ffast-math"):
+        compile_c(
+            [tmp_path / "ukf_model.c"], tmp_path / "f.o", [tmp_path], flags=("-c", flag)
+        )  # fmt: skip
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize("name", ["float11.21", "float8.24", "float11.51"])
+def test_formats_that_c_has_not(name):
+    message = f"^format must be binary64 or have at most 32 bits for models in C, not '{name}'$"
+    with pytest.raises(ValueError, match=message):
+        c_source(example(FloatFormat.from_name(name)), "f")
+
+
+@pytest.mark.parametrize("name", ["", "2f", "f-2", "é", "f("])
+def test_names_that_c_has_not(name):
+    with pytest.raises(ValueError, match=r"^names must be identifiers of C, not "):
+        c_source(example(), name)
+
+
+def test_what_only_a_core_has():
+    made = example()
+    pick = PickStep(destination=Temporary(9), source=Temporary(0))
+    with pytest.raises(ValueError, match=r"^steps of f of an example must be of one sigma point, "):
+        c_source(replace(made, steps=(*made.steps, pick)), "f")
+    observed = (Temporary(9), Source(SourceKind.MEASUREMENT, 0))
+    with pytest.raises(ValueError, match=r"^inputs of f of an example must be x, noise or u, not "):
+        c_source(replace(made, inputs=(*made.inputs, observed)), "f")
+
+
+def test_temporaries_without_a_number():
+    message = r"^temporaries of f of an example must be written before they are read, not "
+    with pytest.raises(ValueError, match=message):
+        c_source(replace(example(), outputs=(Temporary(9),)), "f")
+
+
+def test_constants_that_are_no_numbers_of_the_format():
+    with pytest.raises(ValueError, match=r"^constants must be numbers of binary32, not 0\.1$"):
+        c_source(replace(example(), outputs=(Constant(0.1),)), "f")
+
+
+def test_programs_of_one_format():
+    with pytest.raises(
+        ValueError, match="^programs must have one format, not 'binary16, binary32'"
+    ):
+        c_files({"f": example(), "h": example(BINARY16)})
+    with pytest.raises(ValueError, match="^programs must have one format, not ''"):
+        c_files({})
+
+
+@pytest.mark.parametrize("reading", [Reading.POWER, Reading.EXPONENT])
+def test_readings_need_integers(reading):
+    """In a format with more bits of fraction than its bias."""
+    builder = SequenceBuilder(FloatFormat.from_name("float4.10"))
+    power = builder.product(1.0, builder.input(), reading=reading)
+    with pytest.raises(
+        ValueError, match=r"^format must have integers up to 1536, not 'float4\.10'$"
+    ):
+        c_files({"f": of_sequence("f", builder.finish(power))})
