@@ -52,7 +52,7 @@ OTHERS = [
         "binary64": True, "binary16": True, "bfloat16": False,
         "float6.17": True, "float5.24": False, "float11.20": False, "float8.5": False,
         "float4.5": False, "float11.5": True,
-        "float6.25": True, "float4.27": False,
+        "float6.25": False, "float5.26": True, "float4.27": False,
     }.items()
 ]  # fmt: skip
 
@@ -249,15 +249,29 @@ def test_binary32(flags, tmp_path):
     assert compare(programs_of(BINARY32), BINARY32, tmp_path, 1, flags=flags) > 50 * POINTS
 
 
+def nearly_ties(fmt):
+    """Pairs of numbers from 1 to 2, whose products, below 2, are next to the middle of two."""
+    rng = np.random.default_rng(7)
+    one = 1 << fmt.fraction_bits
+    for fraction in rng.integers(0, one // 2, 200).tolist():
+        a = one + (fraction | 1)
+        for remainder in (one // 2 - 1, one // 2 + 1):
+            b = one + remainder * pow(a, -1, one) % one
+            assert a * b % one == remainder
+            yield a / one, b / one
+
+
 @needs_cc
 @pytest.mark.parametrize("fmt", [BINARY32, *(param.values[0] for param in OTHERS)],
                          ids=lambda fmt: fmt.name)  # fmt: skip
 def test_limits(fmt, tmp_path):
-    """Pairs of numbers next to 1 and to each limit, and at half the way to the smallest one."""
+    """Pairs of numbers next to limits, and those whose sums or products are next to ties."""
     ulp = fmt.epsilon
     middle = (1 - fmt.bias) // 2
     exponents = [1 - fmt.bias, 2 - fmt.bias, middle - 1, middle, -1, 0, 1, fmt.bias - 2]
     exponents += [fmt.bias - 1, fmt.bias]
+    # In the last place of the largest of these, and below it.
+    exponents += [max(fmt.bias - 1 - fmt.precision - k, 1 - fmt.bias) for k in (0, 1)]
     significands = [1.0, 1 + ulp, 1 + 2 * ulp, 1.5 - ulp, 1.5, 2 - 2 * ulp, 2 - ulp]
     numbers = [np.ldexp(s, e) for s, e in itertools.product(significands, exponents)]
     numbers += [0.0, np.inf, np.nan]
@@ -270,7 +284,8 @@ def test_limits(fmt, tmp_path):
         numbers += (1.5 * 2.0**fmt.fraction_bits + k).tolist()
     numbers = np.array(numbers)
     numbers = np.concatenate([numbers, -numbers])
-    points = np.stack(np.meshgrid(numbers, numbers), axis=-1).reshape(-1, 2).astype(dtype(fmt))
+    pairs = [*itertools.product(numbers, numbers), *nearly_ties(fmt)]
+    points = np.array(pairs, dtype(fmt))
 
     builder = SequenceBuilder(fmt)
     x, y = builder.input(), builder.input()
