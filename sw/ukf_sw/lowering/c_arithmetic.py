@@ -5,7 +5,9 @@ What they compute is said in :mod:`ukf_sw.engine.arithmetic` and
 
 - binary32 and binary64 are the processor's float and double. Sums are right as they are, but for
   flushing: one below the smallest normal number is exact. A product that a processor gives as the
-  smallest normal number or less is computed again, far away from that limit.
+  smallest normal number or less is computed again, far away from that limit. Magnitudes are
+  compared as words, which is off the path of the results; a fused operation, which GCC makes of
+  C11 as well unless it is told not to, would skip a rounding.
 - Formats with up to 24 bits of fraction are held in double, which rounds first and harmlessly.
 - Longer ones, up to a word of 32 bits, are held in double too. What a sum loses is known exactly,
   and decides in its last bit; products are sums of two exact parts.
@@ -15,7 +17,6 @@ result, but for those of formats with 11 bits of exponent other than binary64.
 """
 
 import re
-from collections.abc import Iterable
 from string import Template
 
 import numpy as np
@@ -514,11 +515,7 @@ def _needed(known: dict[str, str], text: str) -> set[str]:
     """Give the helpers that a text calls, and those that they call, which stand before them."""
     needed: set[str] = set()
     for name in reversed(known):
-        if name in _called(text):
+        if re.search(rf"\b{name}\(", text):
             needed.add(name)
             text += known[name]
     return needed
-
-
-def _called(text: str) -> Iterable[str]:
-    return set(re.findall(r"\b(\w+)\(", text))
