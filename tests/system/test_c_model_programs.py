@@ -291,6 +291,12 @@ def test_limits(fmt, tmp_path):
     x, y = builder.input(), builder.input()
     results = [builder.product(x, y), builder.sum(x, y), builder.grown(x, y)]
     results += [builder.root(y, root) for root in Root]
+    # 0.0 - abs(y), in one step and in two.
+    for addend in (Addend.PLUS_ZERO, Addend.MINUS_ZERO):
+        results.append(builder.product(1.0, y, sign=Sign.CLEAR, addend=addend, negate=True))
+    results.append(builder.sum(0.0, results[-1]))
+    absolute = builder.product(1.0, y, sign=Sign.CLEAR)
+    results.append(builder.sum(0.0, absolute, subtract=True))
     if has_integers(fmt):
         results += [
             builder.product(x, y, reading=reading) for reading in (Reading.POWER, Reading.EXPONENT)

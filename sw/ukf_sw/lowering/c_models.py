@@ -315,7 +315,7 @@ class _Body:
         elif form.reading is Reading.EXPONENT:
             b = f"exponent({b})"
         if form.sign is Sign.CLEAR:
-            b = f"fabs{self._suffix}({b})"
+            b = f"absolute({b})"
         elif form.sign is Sign.COPY:
             b = f"with_sign_of({self._text(step.word_0)}, {b})"
         elif form.sign is not Sign.KEEP:
