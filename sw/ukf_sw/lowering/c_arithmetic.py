@@ -21,9 +21,9 @@ from string import Template
 
 import numpy as np
 
-from ukf_sw.elementary.primitives import exponent_step
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
 from ukf_sw.spec.float_format import BINARY32, BINARY64, FloatFormat
+from ukf_sw.spec.forms import exponent_step
 
 __all__ = ["check_format", "helpers", "literal", "number_type", "suffix"]
 
