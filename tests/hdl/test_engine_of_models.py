@@ -177,7 +177,15 @@ def test_errors_of_results_of_models(monkeypatch):
     )
     scalars.at(LOAD_LATENCY + 2, scalar_address=1, address_0=ONES, **steering(form))
     scalars.at(LOAD_LATENCY + 2 + timing.lanes, write=1, write_address=TO, unchecked=1)
+    # A result of a model, which is checked, and a scalar that is not, on one clock.
+    both = Words(timing)
+    both.slot(
+        0, keep_all, FROM, ONES, TO, row=1, of_model=1, unchecked=1, bus_source=BusSource.LOAD,
+        scalar_write=1,
+    )  # fmt: skip
+    both.at(timing.lanes - LOAD_LATENCY, address_0=FROM + 1, select=0)
     programs = {
+        Program.COVARIANCE_PREDICTED: both.words,
         Program.INIT: of_models.words, Program.SIG_GEN: unchecked.words,
         Program.PREDICT: odd.words, Program.COVARIANCE: scalars.words,
     }  # fmt: skip
@@ -226,6 +234,12 @@ def test_errors_of_results_of_models(monkeypatch):
         assert await bench.get(TO) == [infinity] * 2
         await prepare({0: [nan, one]})
         assert await bench.run(Program.COVARIANCE) == (ErrorCode.NOT_FINITE, 0)
+        assert await bench.get(TO) == before
+
+        await prepare({0: [one, one], 1: [nan, nan]})
+        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.NONE, 0)
+        await prepare({0: [one, nan], 1: [one, one]})
+        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.MODEL_H, 0)
         assert await bench.get(TO) == before
 
     simulate(monkeypatch, params, pipeline, programs, scenario)

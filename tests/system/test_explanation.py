@@ -46,7 +46,7 @@ def reads_of(code, routine):
 @pytest.mark.parametrize("seed", range(8))
 def test_every_clock_without_an_issue_has_a_reason(seed):
     code = random_code(600 + seed)
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         issued = reads_of(code, routine)
         assert set(found.idle) == set(range(plan.length)) - issued
@@ -160,7 +160,7 @@ def test_every_operation_of_the_chain_waits_for_the_one_before(seed):
     """Against the control words: what is read was written on the clock before, and not sooner."""
     code = random_code(620 + seed)
     results = 0
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         instructions = {entry.clocks[0]: entry for entry in disassemble(code, *routine)}
         found = explain(code, routine)
         links = [step.link for step in found.chain]
@@ -201,7 +201,7 @@ def expanded(text):
 def test_stretches_are_the_chain_in_short(seed):
     code = random_code(640 + seed)
     roots = 0
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         names = [step.part for step in found.chain]
         assert [each.name for each in found.stretches] == [name for name, _ in groupby(names)]
@@ -223,7 +223,7 @@ def test_stretches_are_the_chain_in_short(seed):
 def test_bounds(seed):
     """None is larger than the program; those of stages are counted in the control words."""
     code = random_code(660 + seed)
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         assert max(found.bounds.values()) <= plan.length
         assert found.ratio >= 1.0
@@ -266,7 +266,7 @@ def bus_clocks(fields):
 def test_tracks_are_those_of_the_control_words(seed):
     code = random_code(680 + seed)
     timing, add = code.timing, code.pipeline.add
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = tracks(plan)
         fields = [fields_of(code, word) for word in code.words_of(*routine)]
         assert set(found["issue"][0]) == reads_of(code, routine)
@@ -318,7 +318,7 @@ def test_rows_of_the_elimination(seed):
     Behind the rows of the observations stands what is of the new state.
     """
     code = random_code(700 + seed)
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = parts(plan.operations, code.layout)
         pivots = [k for k, operation in enumerate(plan.operations) if operation.pivot is not None]
         rows = {part.row for part in found} - {None}
@@ -342,7 +342,7 @@ def test_parts_of_the_other_programs():
     code = microcode(UkfParams(n=2, m=1, q=1, r=1, pes=2), Pipeline())
     named = {
         routine.program.name: {part.name for part in parts(plan.operations, code.layout)}
-        for routine, (plan, _) in code.programs.items()
+        for routine, (plan, *_) in code.programs.items()
     }
     assert named["INIT"] == {"checks", "sigma points"}
     assert named["SIG_GEN"] == {"factor", "sigma points"}

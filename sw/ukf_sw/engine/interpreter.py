@@ -339,7 +339,9 @@ def _execute(
                 good = bus_masked or abs(bus) < np.inf
                 of_innovation &= good or word["nis"] != 0
                 finite &= good
-            if checked and word["write"] and not word["write_bus"] and not lanes_masked:
+            # A scalar that is unchecked may come on the clock of a model's result, which is not.
+            lanes_checked = checked or word["of_model"] != 0
+            if lanes_checked and word["write"] and not word["write_bus"] and not lanes_masked:
                 for lane in range(pes):
                     if lanes[lane]:
                         good = abs(lanes_ring[clock % _RING, lane]) < np.inf
