@@ -397,16 +397,16 @@ def test_listing_of_models():
 
 def test_temporaries_have_the_names_of_their_words():
     """All but a few lanes of vectors are lent; what they do not hold is in words of its own."""
-    code = microcode(model_core("gps-ins", pes=35), Pipeline())
+    code = microcode(model_core("ctrv", pes=1), Pipeline())
     mnemonics, layout = Mnemonics(code), code.layout
     assert layout.temporaries
     for k, vector in enumerate(layout.temporaries):
-        assert mnemonics.place(vector.word(0), 0b110) == f"temporary[{k}][1..2]"
+        assert mnemonics.place(vector.word(0), 0b1) == f"temporary[{k}][0]"
     for value, vector in layout.model_words.items():
         assert mnemonics.place(vector.word(0)) == say_constant(float.fromhex(value))
     root = layout.roots[1].word(0)
-    assert mnemonics.place(root, 0b110) == "root[1]"
-    assert mnemonics.place(root, 0b110, of_model=True) == "root[1][1..2]"
+    assert mnemonics.place(root, 0b1) == "root[1]"
+    assert mnemonics.place(root, 0b1, of_model=True) == "root[1][0]"
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
