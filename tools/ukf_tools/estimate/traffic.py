@@ -22,17 +22,21 @@ def bus_words(params: UkfParams, *, redraws: bool) -> int:
     n, models, points = params.n, params.models, len(params.points)
     f, h = models.f is not None, bool(models.h)
     sensors = len(params.sensor_rows)
-    # Sigma points of the state: those beyond column n + 1 are equal to x.
+    # Reading sigma points of the state: those beyond column n + 1 are equal to x.
     drawn = n * (n + 2 - params.points.start)
+    # Updates that need points of their own: all but one that has those of the prediction.
+    draws_of_h = 0 if h else sensors - 1 + redraws
     numbers = n + params.m + len(models.inputs)  # x, z, u
-    numbers += 0 if f else drawn + n * points
+    if not f:
+        numbers += drawn + n * points
     if not h:
         numbers += params.m * points
-        # Every update but one from the points of the prediction itself needs points, and x.
-        numbers += (sensors - 1 + redraws) * (drawn + n)
+        # Without sigma point 0, which is x, that is read as well.
+        numbers += draws_of_h * (drawn + n * params.points.start)
         if f and not redraws:
             numbers += n * points
-    starts = 1 + redraws + sensors
+    # Whatever reads sigma points starts SIG_GEN first.
+    starts = 1 + redraws + sensors + draws_of_h + (not f)
     if f and h and not redraws:
         starts -= 1
     return numbers * params.format.bus_words + starts
