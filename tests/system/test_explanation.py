@@ -384,9 +384,9 @@ def test_parts_of_models(name):
 
 def test_what_waits_for_models_is_said():
     seen = Counter()
-    code = microcode(model_core("ctrv", pes=4), Pipeline())
+    code = microcode(model_core("ctrv", pes=12), Pipeline())
     for routine in code.programs:
-        if routine.program is Program.MODEL_F:
+        if routine.program in (Program.MODEL_F, Program.MODEL_H):
             found = explain(code, routine)
             seen.update(step.link.waits_for for step in found.chain)
             assert set(found.record()["bounds"]) == {

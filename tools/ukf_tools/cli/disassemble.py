@@ -15,7 +15,8 @@ __all__ = ["disassemble"]
 _LEGEND = """\
 clock: of the reads, from the first word of the program on; done: clock of the write.
 Ez[0][4..7]: columns 4 to 7 of that row. A name alone: one number, the same in all lanes.
-s3: register of the scalar file. x', L': the copies that become current at the end of the step."""
+s3: register of the scalar file. x', L': the copies that become current at the end of the step.
+A number in a program of a model: a word that is constant. Ex, Ez, G and root are lent there."""
 
 
 @with_core
@@ -40,6 +41,7 @@ def disassemble(
             {
                 "program": each.program.name,
                 "sensor": each.sensor,
+                "variant": each.variant,
                 "words": len(code.words_of(*each)),
                 "operations": [mnemonics.record(entry) for entry in instructions],
             }
