@@ -95,7 +95,9 @@ def test_latency(ukf, form):
     )
     params = UkfParams(n=7, m=6, q=7, r=6, pes=10, form=form)
     code = microcode(params, Pipeline())
-    assert record["programs"] == {program.name: code.clocks(program) for program in Program}
+    assert record["programs"] == {
+        routine.program.name: code.clocks(*routine) for routine in code.programs
+    }
     # The points of the next iteration come from UPDATE.
     assert record["steps"] == {
         "SIG_GEN": 0, "PREDICT": code.clocks(Program.PREDICT), "UPDATE": code.clocks(Program.UPDATE)
@@ -140,12 +142,24 @@ def test_latency_depends_on_the_pipeline(ukf):
     assert record["pipeline"] == {"multiply": 5, "add": 6, "reciprocal_sqrt": 12}
 
 
+def names_of(code):
+    """Names of the programs that a core has, in the order of the enumeration."""
+    return [routine.program.name for routine in sorted(code.programs)]
+
+
+@pytest.mark.parametrize("command", [("disassemble",), ("latency", "--explain")])
+def test_programs_that_a_core_does_not_have(ukf, command):
+    result = ukf(*command, *TINY, "--program", "MODEL_F", code=2)
+    assert "--program must be one that the core has, INIT, SIG_GEN, " in result.stderr
+    assert result.stderr.strip().endswith("COVARIANCE_PREDICTED, not MODEL_F")
+
+
 def test_latency_explained(ukf):
     """Every program with what its clocks are spent on, then the numbers of PEs."""
     record = json.loads(ukf("latency", *TINY, "--explain", "--json").stdout)
     assert record["total"] == json.loads(ukf("latency", *TINY, "--json").stdout)["total"]
     code = microcode(TINY_PARAMS, Pipeline())
-    assert [each["program"] for each in record["explanations"]] == [each.name for each in Program]
+    assert [each["program"] for each in record["explanations"]] == names_of(code)
     for each in record["explanations"]:
         assert each["clocks"] == len(code.words_of(Program[each["program"]]))
         idle = each["idle"]
@@ -165,7 +179,7 @@ def test_latency_explained(ukf):
 def test_latency_explained_for_people(ukf):
     result = ukf("latency", *TINY, "--explain")
     code = microcode(TINY_PARAMS, Pipeline())
-    for program in Program:
+    for program, *_ in code.programs:
         length = len(code.words_of(program))
         assert f"{program.name}: {length} clocks, " in result.stdout
     assert "row 0" in result.stdout
@@ -244,7 +258,7 @@ def test_disassemble_all_as_json(ukf):
     assert record["columns"] == {
         "sigma points": list(TINY_PARAMS.points), "right-hand side": [code.layout.rhs],
     }  # fmt: skip
-    assert [each["program"] for each in record["programs"]] == [each.name for each in Program]
+    assert [each["program"] for each in record["programs"]] == names_of(code)
     for each in record["programs"]:
         plan = code.programs[Routine(Program[each["program"]], each["sensor"])].plan
         assert each["words"] == plan.length

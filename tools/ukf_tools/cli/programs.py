@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from ukf_sw.spec.sequence import Program, Routine
-from ukf_tools.cli.console import checked
+from ukf_tools.cli.console import checked, fail
 
 __all__ = ["ProgramOption", "chosen"]
 
@@ -33,6 +33,8 @@ ProgramOption = Annotated[
 def chosen(program: Program | None, routines: Iterable[Routine]) -> list[Routine]:
     """Give the routines of a program, or of all, in the order of the programs.
 
+    A program that the core does not have, as that of a model in software, ends the command.
+
     Parameters
     ----------
     program
@@ -42,4 +44,8 @@ def chosen(program: Program | None, routines: Iterable[Routine]) -> list[Routine
     """
     wanted = list(Program) if program is None else [program]
     known = list(routines)
-    return [each for one in wanted for each in known if each.program is one]
+    found = [each for one in wanted for each in known if each.program is one]
+    if not found and program is not None:
+        names = ", ".join(dict.fromkeys(each.program.name for each in sorted(known)))
+        fail(f"--program must be one that the core has, {names}, not {program.name}")
+    return found
