@@ -107,11 +107,19 @@ class Core:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Core":
-        """Make the core that a :meth:`record` describes."""
+        """Make the core that a :meth:`record` describes.
+
+        Raises
+        ------
+        ValueError
+            If it has models, and the record not their programs.
+        """
         values = _from_record(UkfParams, record["parameters"])
         models = record.get("models")
         if models is not None:
-            values["models"] = CoreModels.from_record(models, values["format"])
+            if "programs" not in models:
+                raise ValueError("record must have the programs of the models of a core")
+            values["models"] = CoreModels.from_record(models["programs"], values["format"])
         return cls(
             params=UkfParams(**values),
             pipeline=Pipeline(**_from_record(Pipeline, record["pipeline"])),
@@ -127,8 +135,14 @@ class Core:
         values["models"] = Placement.of(self.params.models)
         return {label: values[label] for label in PARAMETERS}
 
-    def record(self) -> dict[str, dict[str, Any]]:
-        """Describe the core exactly, but not what it is for, ready for JSON.
+    def record(self, *, programs: bool = False) -> dict[str, dict[str, Any]]:
+        """Describe the core, but not what it is for, ready for JSON.
+
+        Parameters
+        ----------
+        programs
+            Whether to describe the models on it exactly, so that :meth:`from_record` can make the
+            same core. Else there is only what tells them from others.
 
         Returns
         -------
@@ -137,8 +151,15 @@ class Core:
             they do not.
         """
         record = {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
-        if self.params.models:
-            record["models"] = self.params.models.record()
+        models = self.params.models
+        if models:
+            record["models"] = {
+                "on_core": Placement.of(models).value,
+                "digest": f"{models.digest:#010x}",
+                "inputs": [*models.inputs],
+            }
+            if programs:
+                record["models"] |= {"programs": models.record()}
         return record
 
     @property
