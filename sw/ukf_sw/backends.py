@@ -18,7 +18,7 @@ does so as ``cosim``, and ``cosim:NAME`` names the simulator. Such a function ta
 the text after the colon, and how the core is built.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = [
     "GROUP",
     "Backend",
+    "CoreBackend",
     "backend_names",
     "golden_driver",
     "make_backend",
@@ -121,6 +122,34 @@ class Backend(Protocol):
 
     def covariance(self) -> Array:
         """Covariance P (n, n)."""
+        ...
+
+
+@runtime_checkable
+class CoreBackend(Backend, Protocol):
+    """A backend that evaluates models itself: those of ``params.models``.
+
+    Inputs are numbers of region U by their place; those that are missing stay as they are.
+    """
+
+    def predict_on_core(self, inputs: Mapping[int, float]) -> None:
+        """Send sigma points through f, and predict."""
+        ...
+
+    def propagated_points(self) -> Array:
+        """Sigma points (n, K) as f has left them, after :meth:`predict_on_core`."""
+        ...
+
+    def update_on_core(
+        self, z: Array, mask: Mask, sensor: int, variant: int, inputs: Mapping[int, float]
+    ) -> tuple[float, bool]:
+        """Send sigma points through an h, and update; gives the NIS, and if gated."""
+        ...
+
+    def iterate(
+        self, z: Array, mask: Mask, sensor: int, variant: int, inputs: Mapping[int, float]
+    ) -> tuple[float, bool]:
+        """Do both in one step. If it raises, the prediction may have been made."""
         ...
 
 

@@ -15,7 +15,7 @@ What a method that raises has done:
 
 import traceback
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from ukf_sw.spec.registers import ErrorCode
 from ukf_sw.spec.sequence import Step
@@ -23,7 +23,7 @@ from ukf_sw.spec.sequence import Step
 __all__ = [
     "REFUSALS", "BusError", "CoreError", "CoreTimeoutError", "DeviceError", "DeviceMissingError",
     "DevicePermissionError", "EstimateLostError", "FormatOverflowError", "IllegalStepError",
-    "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
+    "ModelNotFiniteError", "NotFiniteError", "NotPositiveDefiniteError", "NotRecoveredError",
     "SingularObservationError", "StepError", "StepLostError", "TraceError", "UkfError",
     "WrongCoreError",
     "add_note", "describe", "error_of",
@@ -201,7 +201,7 @@ class StepError(UkfError):
         What the core reports so; None if the driver found it.
     """
 
-    error_code: ClassVar[ErrorCode | None] = None
+    error_code: ErrorCode | None = None
 
     def __init__(self, message: str, step: Step) -> None:
         super().__init__(message)
@@ -285,6 +285,26 @@ class NotFiniteError(StepError):
         super().__init__(f"{step.name} met NaN or infinity{detail and ': ' + detail}", step)
 
 
+class ModelNotFiniteError(NotFiniteError):
+    """A model on the core gave NaN or infinity. The estimate from before stays.
+
+    Parameters
+    ----------
+    step
+        The step.
+    code
+        MODEL_F or MODEL_H.
+    index
+        Row of the result, from 0: of x, or of all observations.
+    """
+
+    def __init__(self, step: Step, code: ErrorCode, index: int) -> None:
+        model, row = ("f", "x") if code == ErrorCode.MODEL_F else ("h", "z")
+        super().__init__(step, f"{model} gave it in row {index} of {row}")
+        self.error_code = code
+        self.index = index
+
+
 class SingularObservationError(StepError):
     """The innovation covariance S is singular. The estimate from before the step stays.
 
@@ -349,6 +369,8 @@ def error_of(step: Step, code: int, index: int) -> StepError:
             return IllegalStepError(step)
         case ErrorCode.NOT_FINITE:
             return NotFiniteError(step)
+        case ErrorCode.MODEL_F | ErrorCode.MODEL_H:
+            return ModelNotFiniteError(step, ErrorCode(code), index)
         case ErrorCode.SINGULAR_OBSERVATION:
             return SingularObservationError(step, index)
         case ErrorCode.NOT_POSITIVE_DEFINITE:

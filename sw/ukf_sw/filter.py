@@ -1,22 +1,27 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
 import copy
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.arrays import as_covariance, as_numbers, as_vector, is_masked
-from ukf_sw.backends import Backend, make_backend
+from ukf_sw.backends import Backend, CoreBackend, make_backend
 from ukf_sw.certainty import Certainty
 from ukf_sw.errors import REFUSALS, NotFiniteError
 from ukf_sw.models import CheckedModel, wrap
 from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.results import ReadOnlyArray
 from ukf_sw.spec.fields import as_number
+from ukf_sw.spec.model_programs import NO_MODELS, choose_models
 from ukf_sw.spec.parameters import Form, UkfParams
 from ukf_sw.spec.sequence import Step
+
+if TYPE_CHECKING:
+    from ukf_sw.lowering.placement import PlacedModels
 
 __all__ = ["UnscentedKalmanFilter"]
 
@@ -68,6 +73,11 @@ class UnscentedKalmanFilter:
         of the core, every bit as in hardware), or an object such as a
         :class:`ukf_sw.drivers.driver.Driver` of a core. Such a core decides form, format and number
         of processing elements; its sizes, kinds of noise and W0 must be those of the problem.
+    models
+        Which models the core evaluates: "core", "software", or of each as ``{"f": "core"}``. None
+        is what the backend does, all in software if it is a name. On the core they are programs
+        that :mod:`ukf_sw.lowering` makes of the functions, in the number format of the core; with
+        what u and the arguments of h are like in the data of the problem.
 
     Raises
     ------
@@ -77,15 +87,22 @@ class UnscentedKalmanFilter:
         If an argument has a wrong shape or value; the message names the rule and the value.
     UkfError
         If the core cannot be reached or refuses to start.
+    TraceError
+        If a model that is to be on the core cannot be.
     """
 
     __slots__ = (
         "__weakref__", "_backend", "_certainty", "_f", "_first", "_gate", "_h", "_last_P",
-        "_last_update", "_last_x", "_mask", "_noise", "_noise_points", "_params", "_problem",
-        "_transformed",
+        "_last_update", "_last_x", "_mask", "_noise", "_noise_points", "_params", "_placed",
+        "_problem", "_transformed",
     )  # fmt: skip
 
-    def __init__(self, problem: Problem, backend: Backend | str = "reference") -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        backend: Backend | str = "reference",
+        models: str | Mapping[str, str] | None = None,
+    ) -> None:
         if not isinstance(cast("object", problem), Problem):
             raise TypeError(f"problem must be a Problem, not {problem!r}")
         if not isinstance(cast("object", backend), (str, Backend)):
@@ -97,9 +114,12 @@ class UnscentedKalmanFilter:
                     f"{backend.params.W0!r}"
                 )
             problem = problem.for_core(backend.params)
+        self._placed = _placed(problem, backend, models)
         # Copies of a filter need neither the data nor what compares with them.
         self._problem = problem = replace(problem, data=None, error=None)
         self._params = params = problem.params
+        if self._placed is not None:
+            self._params = params = replace(params, models=self._placed.models)
         self._f = CheckedModel(
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
             rows=params.n, points=params.points, centre=params.centre,
@@ -122,6 +142,8 @@ class UnscentedKalmanFilter:
         self._gate = np.inf
         self._certainty = Certainty()
         self._backend = make_backend(backend, params) if isinstance(backend, str) else backend
+        if self._placed is not None and not isinstance(self._backend, CoreBackend):
+            raise ValueError(f"models must be in software for a backend {backend!r}")
         self._forget()
         self._certainty.assign_anew(self._start, *self._first)
 
@@ -145,8 +167,13 @@ class UnscentedKalmanFilter:
     def _start(self, x: Array, P: Array) -> None:
         self._backend.initialise(x, P, *self._noise)
         self._backend.set_gate(self._gate)
-        self._noise_points = self._backend.noise_points()
+        self._read_noise_points()
         self._forget()
+
+    def _read_noise_points(self) -> None:
+        """Read the sigma points of the noise, which models in software need."""
+        if self._placed is None or not (self._placed.f and self._placed.h):
+            self._noise_points = self._backend.noise_points()
 
     def _send_state(self, x: Array) -> None:
         self._backend.set_state(x)
@@ -165,7 +192,7 @@ class UnscentedKalmanFilter:
             raise
         self._transformed = None
         self._noise = Q, R
-        self._noise_points = self._backend.noise_points()
+        self._read_noise_points()
 
     def _send_gate(self, gate: float) -> None:
         self._backend.set_gate(gate)
@@ -413,18 +440,31 @@ class UnscentedKalmanFilter:
         UkfError
             If a step fails.
         """
+        if self._placed is not None and self._placed.f:
+            inputs = self._placed.inputs_of_f(u, arguments)
+            with self._certainty:
+                backend = cast("CoreBackend", self._backend)
+                self._transformed = None
+                backend.predict_on_core(inputs)
+                self._finish_predict(None)
+                if not (self._problem.redraws or self._placed.h):
+                    self._transformed = backend.propagated_points()
+            return
         results = self._f(self._draw(), self._noise_points[0], (u,), arguments)
         with self._certainty:
-            transformed = self._backend.predict(results)
-            if self._problem.redraws:
-                transformed = None
-                try:
-                    self._backend.redraw()
-                except REFUSALS:
-                    self._backend.undo_predict()
-                    raise
-            self._last_x = self._last_P = None
-            self._transformed = transformed
+            self._finish_predict(self._backend.predict(results))
+
+    def _finish_predict(self, transformed: Array | None) -> None:
+        """Draw new sigma points, if the problem wants that."""
+        if self._problem.redraws:
+            transformed = None
+            try:
+                self._backend.redraw()
+            except REFUSALS:
+                self._backend.undo_predict()
+                raise
+        self._last_x = self._last_P = None
+        self._transformed = transformed
 
     def redraw(self) -> None:
         """Draw new sigma points from the estimate, so that an update after a predict uses them.
@@ -485,20 +525,20 @@ class UnscentedKalmanFilter:
         if z is None and sensor is None:
             return False
         number = self._problem.number_of(sensor)
-        rows, terms = self._params.rows_of(number), self._problem.terms_of(number)
-        used = self._mask[rows.start : rows.stop]
-        if mask is not None:
-            used = self._check_mask(mask, len(rows))
-        if z is not None and is_masked(z):
-            masked = cast("Any", np.ma.array(cast("Any", z)))
-            z = masked.filled(0)
-            used = used & ~np.ma.getmaskarray(masked) if masked.shape == used.shape else used
-        if z is None or not used.any():
+        given = self._given(z, mask, number)
+        if given is None:
             return False
-        observation = as_numbers(z, "z", (len(rows),))
-        observation[~used] = 0.0
-        if not np.isfinite(observation).all():
-            raise ValueError(f"z must be finite where sampled, not {np.asarray(z).tolist()!r}")
+        observation, used = given
+        if self._placed is not None and self._placed.h:
+            variant, inputs = self._placed.inputs_of_h(
+                self._problem.sensor_names[number], arguments
+            )
+            with self._certainty:
+                backend = cast("CoreBackend", self._backend)
+                nis, gated = backend.update_on_core(observation, used, number, variant, inputs)
+                self._finish_update(nis, gated=gated)
+            return not gated
+        terms = self._problem.terms_of(number)
         points = self._transformed if self._transformed is not None else self._draw()
         noise, h = self._noise_points[1][terms.start : terms.stop], self._h[number]
         results = h(points, noise, keywords=arguments, used_rows=used)
@@ -509,7 +549,107 @@ class UnscentedKalmanFilter:
                 observation[row] = wrap(observation[row], expected)
         with self._certainty:
             nis, gated = self._backend.update(results, observation, used, number)
-            if not gated:
-                self._transformed = self._last_x = self._last_P = None
+            self._finish_update(nis, gated=gated)
+        return not gated
+
+    def _finish_update(self, nis: float, *, gated: bool) -> None:
+        if not gated:
+            self._transformed = self._last_x = self._last_P = None
+        self._last_update = nis, gated
+
+    def iterate(
+        self,
+        u: Any = None,
+        z: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+        *,
+        sensor: str | None = None,
+        **arguments: Any,
+    ) -> bool:
+        """Predict, then update: :meth:`predict` with u, and :meth:`update` with all else.
+
+        With both models on the core, and without redrawing, it is one step of the core. If it
+        raises, the prediction stands unless it was f that failed; :meth:`undo_predict` goes back.
+
+        Parameters
+        ----------
+        u
+            Input, third argument of f.
+        z, mask, sensor, arguments
+            As of :meth:`update`.
+
+        Returns
+        -------
+        bool
+            Whether the estimate was corrected.
+
+        Raises
+        ------
+        TypeError, ValueError, UkfError
+            As of both.
+        """
+        number = None if z is None else self._problem.number_of(sensor)
+        given = None if number is None else self._given(z, mask, number)
+        placed = self._placed
+        if (
+            number is None
+            or given is None
+            or placed is None
+            or self._problem.redraws
+            or not (placed.f and placed.h)
+        ):
+            self.predict(u)
+            return self.update(z, mask, sensor=sensor, **arguments)
+        observation, used = given
+        name = self._problem.sensor_names[number]
+        variant, inputs = placed.inputs_of_h(name, arguments)
+        inputs = placed.inputs_of_f(u, {}) | inputs
+        with self._certainty:
+            self._last_x = self._last_P = self._transformed = None
+            nis, gated = cast("CoreBackend", self._backend).iterate(
+                observation, used, number, variant, inputs
+            )
             self._last_update = nis, gated
         return not gated
+
+    def _given(
+        self, z: ArrayLike | None, mask: ArrayLike | None, number: int
+    ) -> tuple[Array, Mask] | None:
+        """Check an observation; gives it and what of it was sampled, None if nothing was."""
+        rows = self._params.rows_of(number)
+        used = self._mask[rows.start : rows.stop]
+        if mask is not None:
+            used = self._check_mask(mask, len(rows))
+        if z is not None and is_masked(z):
+            masked = cast("Any", np.ma.array(cast("Any", z)))
+            z = masked.filled(0)
+            used = used & ~np.ma.getmaskarray(masked) if masked.shape == used.shape else used
+        if z is None or not used.any():
+            return None
+        observation = as_numbers(z, "z", (len(rows),))
+        observation[~used] = 0.0
+        if not np.isfinite(observation).all():
+            raise ValueError(f"z must be finite where sampled, not {np.asarray(z).tolist()!r}")
+        return observation, used
+
+
+def _placed(
+    problem: Problem, backend: Backend | str, models: str | Mapping[str, str] | None
+) -> "PlacedModels | None":
+    """Make the programs of the models that a core is to evaluate; None if there are none."""
+    own = NO_MODELS if isinstance(backend, str) else backend.params.models
+    if models is None:
+        models = {"f": "core"} if own.f is not None else {}
+        models |= {"h": "core"} if own.h else {}
+    if not own and not choose_models(models):
+        return None
+    # What traces models is imported by those who need it.
+    from ukf_sw.lowering.placement import place_models
+
+    placed = place_models(problem, models)
+    digest = 0 if placed is None else placed.models.digest
+    if not isinstance(backend, str) and own.digest != digest:
+        raise ValueError(
+            f"models of a core for {problem.name} must be {digest:#010x}, not {own.digest:#010x}"
+        )
+    return placed

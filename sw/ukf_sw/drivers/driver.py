@@ -2,7 +2,7 @@
 
 import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
@@ -16,6 +16,7 @@ from ukf_sw.errors import (
     CoreTimeoutError,
     EstimateLostError,
     FormatOverflowError,
+    ModelNotFiniteError,
     NotFiniteError,
     SingularObservationError,
     StepLostError,
@@ -53,10 +54,12 @@ ENABLE = CONTROL["ENABLE"].mask
 RESET = CONTROL["RESET"].mask
 START = {step: ENABLE | CONTROL[step.name].mask for step in STEPS}
 SENSOR = CONTROL["SENSOR"]
+VARIANT = CONTROL["VARIANT"]
 DONE = {step: STATUS[step.name].mask for step in START}
 STATE = STATUS["STATE"].mask
 INITIALISED = STATUS["INITIALISED"].mask
 POINTS = STATUS["POINTS"].mask
+RESIDUALS = STATUS["RESIDUALS"].mask
 GATED = STATUS["GATED"].mask
 CODE = ERROR["CODE"].mask
 EVENTS = INTERRUPT_PENDING["DONE"].mask | INTERRUPT_PENDING["ERROR"].mask
@@ -203,6 +206,8 @@ class Driver:
         self._x_addresses = self._addresses("x", range(1), n)
         self._X_read = self._addresses("X", n, range(points.start, params.n + 2))
         self._X_write = self._addresses("X", n, points)
+        inputs = params.models.inputs
+        self._U_write = self._addresses("U", range(int(bool(inputs))), range(len(inputs)))
         #: Of each sensor, its rows of Z and of z.
         self._Z_write = [
             np.concatenate(
@@ -212,6 +217,12 @@ class Driver:
                 )
             )
             for rows in map(params.rows_of, range(len(params.sensor_rows)))
+        ]
+
+        #: Of each sensor, its rows of z.
+        self._z_write = [
+            self._addresses("z", params.rows_of(sensor), range(1))
+            for sensor in range(len(params.sensor_rows))
         ]
 
         #: The step that may have been started and may have ended.
@@ -229,6 +240,11 @@ class Driver:
         #: Whether it has that noise: not if a change of it has broken off.
         self._noise_written = False
         self._gate: Words | None = None
+        #: Inputs of models on the core that it has been told, by their place.
+        self._inputs: dict[int, bytes] = {}
+        #: Whether X surely holds sigma points of the estimate, or those of a prediction that an
+        #: update may use: then a model on the core can be evaluated there.
+        self._drawn = self._propagated = False
 
         self._pes = self._check_core()
         self._reset_core()
@@ -379,16 +395,17 @@ class Driver:
         self._before = self._predicted = None
 
     def _reset_core(self) -> None:
-        self._initialised = False
+        self._initialised = self._drawn = self._propagated = False
         self._mask: int | None = None
         self._write_register(CONTROL, ENABLE | RESET)
         self._write_register(INTERRUPT_PENDING, EVENTS)
         self._write_register(INTERRUPT_ENABLE, EVENTS if self._interrupt is not None else 0)
 
-    def _run(self, step: Step, sensor: int = 0) -> int:
+    def _run(self, step: Step, sensor: int = 0, variant: int = 0) -> int:
         """Run a step; gives STATUS after it, raises what ERROR says."""
         self._step = step
-        self._bus.write(CONTROL.offset, START[step] | SENSOR.put(sensor))
+        propagated, self._drawn, self._propagated = self._propagated, False, False
+        self._bus.write(CONTROL.offset, START[step] | SENSOR.put(sensor) | VARIANT.put(variant))
         self.starts += 1
         status = self._wait(self._interrupt)
         if status & STATE:
@@ -400,17 +417,22 @@ class Driver:
         if code == ErrorCode.NONE and not status & DONE[step]:
             raise StepLostError(step)
         if self.count_cycles and code != ErrorCode.ILLEGAL_STEP:
-            sensors = len(self._params.sensor_rows) if step is Step.UPDATE else 1
+            of_one = step in (Step.UPDATE, Step.H, Step.ITERATE)
+            sensors = len(self._params.sensor_rows) if of_one else 1
             name, cycles = of_sensor(step.name, sensor, sensors), self._read_register(CYCLES)
             self.last_cycles[name] = cycles or self.last_cycles.get(name, 0)
         if code != ErrorCode.NONE:
             # A step that is illegal has not begun; but PREDICT has its points overwritten before.
             error = error_of(step, code, ERROR["INDEX"].get(word))
-            illegal = code == ErrorCode.ILLEGAL_STEP and step is not Step.PREDICT
+            illegal = code == ErrorCode.ILLEGAL_STEP and step not in (Step.PREDICT, Step.ITERATE)
             if illegal or isinstance(error, REFUSALS):
                 self._step = None
             raise error
         self._step = None
+        self._drawn = bool(status & POINTS)
+        self._propagated = step in (Step.PREDICT, Step.F) or (
+            propagated and step is Step.COVARIANCE
+        )
         return status
 
     def _wait(self, interrupt: Callable[[float], bool] | None) -> int:
@@ -464,16 +486,20 @@ class Driver:
     def _find_out(self) -> None:
         """Get the core into a state that is known."""
         step, status = self._step, self._come_to_rest()
-        predicted = self._before is not None and step is not Step.PREDICT
+        self._drawn = self._propagated = False
+        predicted = self._before is not None and step not in (Step.PREDICT, Step.F)
         if predicted and status & INITIALISED:
             # The core has not been reset, so its flags are true.
             self._initialised = True
             if status & POINTS:
                 self._before = self._predicted = None
                 predicted = False
+            elif step is Step.ITERATE:
+                predicted = bool(status & RESIDUALS)  # else f has failed
         elif predicted:
             # Only these change the factor, and it is that from before if they have been dropped.
-            if step in (Step.SIG_GEN, Step.UPDATE) and not self._dropped():
+            changes = (Step.SIG_GEN, Step.UPDATE, Step.H, Step.ITERATE)
+            if step in changes and not self._dropped():
                 raise EstimateLostError
             predicted = False
         if not predicted:
@@ -558,6 +584,7 @@ class Driver:
 
     def _set_state(self, x: Words) -> None:
         self._x = self._predicted = None
+        self._drawn = self._propagated = False
         self._write(self._x_addresses, x)
 
     def set_covariance(self, P: Array) -> None:
@@ -574,6 +601,7 @@ class Driver:
 
     def _set_covariance(self, L: Words) -> None:
         self._before = self._predicted = None
+        self._drawn = self._propagated = False
         self._write_matrix("L", L)
 
     def set_noise(self, Q: Array, R: Array) -> None:
@@ -608,6 +636,7 @@ class Driver:
     def _write_noise(self, LQ: Words, LR: Words, before: tuple[Words, Words] | None = None) -> None:
         """Write the factors; of those that are there, `before`, only the rows that differ."""
         self._initialised = self._noise_written = False
+        self._drawn = self._propagated = False
         there = (None, None) if before is None else before
         self._write_matrix("LQ", LQ, there[0])
         self._write_matrix("LR", LR, there[1])
@@ -761,45 +790,234 @@ class Driver:
             If the step fails.
         """
         self._check_shape(points, len(self._params.rows_of(sensor)))
+        z = self._within_gate(z, mask)
+        words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
+        self._check_varies(words[: -len(z) * self._params.format.bus_words], mask, sensor)
+        with self._certainty:
+            self._ensure_initialised()
+            self._write(self._Z_write[sensor], words)
+            self._write_mask(mask, sensor)
+            x, self._x = self._x, None
+            gated = self._correct(Step.UPDATE, z, mask, sensor)
+            if gated:
+                self._x = x
+            nis = self._read_nis()
+        return nis, gated
+
+    def _within_gate(self, z: Array, mask: NDArray[np.bool_]) -> Array:
+        """With a finite gate, clamp what is finite to the format's range."""
         largest = self._params.format.max_finite
         beyond = mask & (np.abs(z) > largest) & np.isfinite(z)
         if self._gate is not None and np.isfinite(self._codec.from_words(self._gate)[0]):
-            z = np.where(beyond, np.copysign(largest, z), z)
-        words = self._codec.to_words(np.concatenate((points.reshape(-1), z)))
-        self._check_varies(words[: -len(z) * self._params.format.bus_words], mask, sensor)
+            return np.where(beyond, np.copysign(largest, z), z)
+        return z
+
+    def _write_mask(self, mask: NDArray[np.bool_], sensor: int) -> None:
+        """Write which rows of a sensor take part, if that has changed."""
         sampled = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
         rows = self._params.rows_of(sensor)
         own = (1 << rows.stop) - (1 << rows.start)
         before = (1 << self._params.m) - 1 if self._mask is None else self._mask
         bits = before & ~own | sampled << rows.start
+        if bits != self._mask:
+            self._mask = None
+            self._write_register(MASK, bits)
+            self._mask = bits
+
+    def _correct(
+        self, step: Step, z: Array, mask: NDArray[np.bool_], sensor: int, variant: int = 0
+    ) -> bool:
+        """Run a step that ends with an UPDATE; tells whether that exceeded the gate."""
+        try:
+            gated = bool(self._run(step, sensor, variant) & GATED)
+        except NotFiniteError as error:
+            rounded = self._codec.from_words(self._codec.to_words(z))
+            lost = np.flatnonzero(mask & ~np.isfinite(rounded))
+            if not len(lost) or isinstance(error, ModelNotFiniteError):
+                raise
+            row = int(lost[0])
+            largest = self._params.format.max_finite
+            detail = f"z is {float(z[row])!r} in row {row}, and the format ends at {largest:.6g}"
+            raise NotFiniteError(error.step, detail) from error
+        if not gated:
+            self._before = self._predicted = None
+        return gated
+
+    def _read_nis(self) -> float:
+        found = [self._read_register(NIS_LOW)]
+        if self._params.format.bus_words == 2:
+            found.append(self._read_register(NIS_HIGH))
+        return float(self._codec.from_words(np.array(found, dtype=np.uint32))[0])
+
+    # Models on the core.
+
+    def _input_words(self, inputs: Mapping[int, float]) -> dict[int, Words]:
+        """Round inputs to words, of those that the core has not been told."""
+        size = self._params.format.bus_words
+        names = self._params.models.inputs
+        words = {
+            place: self._words(names[place], np.array([value])) for place, value in inputs.items()
+        }
+        return {
+            place: word.reshape(size)
+            for place, word in words.items()
+            if self._inputs.get(place) != word.tobytes()
+        }
+
+    def _write_inputs(self, words: Mapping[int, Words]) -> None:
+        if words:
+            size = self._params.format.bus_words
+            places = self._U_write.reshape(-1, size)[[*words]]
+            for place in words:
+                self._inputs.pop(place, None)
+            self._write(places.reshape(-1), np.concatenate([*words.values()]))
+            self._inputs |= {place: word.tobytes() for place, word in words.items()}
+
+    def predict_on_core(self, inputs: Mapping[int, float]) -> None:
+        """Send sigma points of the estimate through f on the core, and predict: run F.
+
+        Parameters
+        ----------
+        inputs
+            Numbers of region U by place; those that are missing stay as they are.
+
+        Raises
+        ------
+        FormatOverflowError
+            If a number overflows the format.
+        ModelNotFiniteError
+            If f gives NaN or infinity at a sigma point. The estimate stays.
+        StepError
+            If the step fails.
+        """
+        words = self._input_words(inputs)
         with self._certainty:
-            self._ensure_initialised()
-            self._write(self._Z_write[sensor], words)
-            if bits != self._mask:
-                self._mask = None
-                self._write_register(MASK, bits)
-                self._mask = bits
+            self._prepare(words)
+            if self._before is None:
+                self._before = self._known_x()
+            self._x = self._predicted = None
+            try:
+                self._run(Step.F)
+            except REFUSALS:
+                self._before = None
+                raise
+
+    def _prepare(self, inputs: Mapping[int, Words]) -> None:
+        """Draw sigma points of the estimate unless they are there, and write inputs."""
+        if not self._drawn:
+            self._redraw()
+        self._write_inputs(inputs)
+
+    def propagated_points(self) -> Array:
+        """Read the sigma points that f on the core has given, shape (n, K).
+
+        An update by :meth:`update` may use them, until the estimate changes otherwise.
+        """
+        with self._certainty:
+            points = self._read(self._X_write).reshape(self._params.n, -1)
+            self._predicted = points
+        return points.copy()
+
+    def update_on_core(
+        self,
+        z: Array,
+        mask: NDArray[np.bool_],
+        sensor: int,
+        variant: int,
+        inputs: Mapping[int, float],
+    ) -> tuple[float, bool]:
+        """Send sigma points through an h on the core, and update: run H.
+
+        The points are those of a prediction that has just been made. Otherwise, and after an update
+        that was rejected, they are drawn from the estimate.
+
+        Parameters
+        ----------
+        z, mask, sensor
+            As of :meth:`update`.
+        variant
+            Which of the models of that sensor.
+        inputs
+            Numbers of region U by place; those that are missing stay as they are.
+
+        Returns
+        -------
+        nis, gated
+            As of :meth:`update`.
+
+        Raises
+        ------
+        FormatOverflowError
+            If a number overflows the format.
+        ModelNotFiniteError
+            If h gives NaN or infinity at a sigma point, in a row that takes part. The estimate
+            stays.
+        StepError
+            If the step fails.
+        """
+        z = self._within_gate(z, mask)
+        words = self._input_words(inputs)
+        with self._certainty:
+            if not self._propagated:
+                self._prepare({})
+            self._write_inputs(words)
+            self._write(self._z_write[sensor], self._codec.to_words(z))
+            propagated = self._propagated
+            self._write_mask(mask, sensor)
             x, self._x = self._x, None
             try:
-                gated = bool(self._run(Step.UPDATE, sensor) & GATED)
-            except NotFiniteError as error:
-                rounded = self._codec.from_words(words)[-len(z) :]
-                lost = np.flatnonzero(mask & ~np.isfinite(rounded))
-                if not len(lost):
-                    raise
-                row = int(lost[0])
-                detail = (
-                    f"z is {float(z[row])!r} in row {row}, and the format ends at {largest:.6g}"
-                )
-                raise NotFiniteError(error.step, detail) from error
+                gated = self._correct(Step.H, z, mask, sensor, variant)
+            except ModelNotFiniteError:
+                self._propagated = propagated  # h leaves X as it is
+                self._x = x
+                raise
             if gated:
                 self._x = x
-            else:
-                self._before = self._predicted = None
-            found = [self._read_register(NIS_LOW)]
-            if self._params.format.bus_words == 2:
-                found.append(self._read_register(NIS_HIGH))
-        return float(self._codec.from_words(np.array(found, dtype=np.uint32))[0]), gated
+            nis = self._read_nis()
+        return nis, gated
+
+    def iterate(
+        self,
+        z: Array,
+        mask: NDArray[np.bool_],
+        sensor: int,
+        variant: int,
+        inputs: Mapping[int, float],
+    ) -> tuple[float, bool]:
+        """Predict and update with models on the core: run ITERATE.
+
+        Parameters and results are those of :meth:`update_on_core`, with the inputs of both.
+
+        Raises
+        ------
+        FormatOverflowError
+            If a number overflows the format.
+        ModelNotFiniteError
+            If a model gives NaN or infinity.
+        StepError
+            If the step fails. If it was not f that failed, nor PREDICT, the prediction stands.
+        """
+        z = self._within_gate(z, mask)
+        words = self._input_words(inputs)
+        with self._certainty:
+            self._prepare(words)
+            self._write(self._z_write[sensor], self._codec.to_words(z))
+            self._write_mask(mask, sensor)
+            if self._before is None:
+                self._before = self._known_x()
+            self._x = self._predicted = None
+            try:
+                gated = self._correct(Step.ITERATE, z, mask, sensor, variant)
+            except REFUSALS as error:
+                status = self._read_register(STATUS)
+                if not status & RESIDUALS:
+                    self._before = None
+                self._propagated = bool(status & RESIDUALS) and isinstance(
+                    error, ModelNotFiniteError
+                )
+                raise
+            nis = self._read_nis()
+        return nis, gated
 
     def _check_shape(self, points: Array, rows: int) -> None:
         """Check that there is a column for each sigma point with a weight."""

@@ -325,7 +325,8 @@ class ProgramBuilder:
             Operation(
                 kind=kind, beats=beats, scalar=scalar, subtract=subtract, result=result,
                 destination=destination, lanes=lanes, observation=observation, pivot=pivot,
-                root=root, coupling=coupling, is_nis=is_nis,
+                root=root, root_lanes=(1 << self._pes) - 1 if root else 0, coupling=coupling,
+                is_nis=is_nis,
             )
         )  # fmt: skip
         return result

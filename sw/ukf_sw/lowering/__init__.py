@@ -12,6 +12,7 @@ processor, computes the same bits. The modules build on each other in this order
     arithmetic    operations of a graph as steps, products and sums joined where no bit changes
     endings       the last steps of a program, which write its result
     program       programs of the models of a problem, with the numbers that they are given
+    placement     what a filter tells a core that has them
     c_arithmetic  the arithmetic of a core in C
     c_models      programs as functions in C
 """

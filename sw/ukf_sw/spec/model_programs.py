@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.forms import Addend, Condition, Form, Multiplier, Reading, Root, Sign
@@ -33,6 +33,7 @@ __all__ = [
     "SourceKind",
     "Step",
     "Temporary",
+    "choose_models",
 ]
 
 
@@ -420,3 +421,37 @@ class CoreModels:
 
 #: Of a core whose models run in software.
 NO_MODELS = CoreModels()
+
+#: The models of a problem.
+MODELS = ("f", "h")
+_PLACES = ("core", "software")
+
+
+def choose_models(models: str | Mapping[str, str]) -> frozenset[str]:
+    """Give the models that a core is to evaluate.
+
+    Parameters
+    ----------
+    models
+        "core" or "software", for all of them, or which of the two for f and for h:
+        ``{"f": "core"}``; what is missing is in software. "f" and "h" are short for one on the
+        core.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is something else.
+    """
+    if isinstance(models, str):
+        wanted = {models: "core"} if models in MODELS else dict.fromkeys(MODELS, models)
+    elif isinstance(cast("object", models), Mapping):
+        wanted = dict(models)
+    else:
+        raise TypeError(f"models must be a str or a dict, not {models!r}")
+    for model, place in wanted.items():
+        if model not in MODELS or place not in _PLACES:
+            raise ValueError(
+                f"models must be 'core', 'software', 'f', 'h', or a dict as {{'f': 'core'}}, not "
+                f"{models!r}"
+            )
+    return frozenset(model for model, place in wanted.items() if place == "core")

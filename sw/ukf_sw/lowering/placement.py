@@ -1,0 +1,141 @@
+"""Models of a problem on a core: their programs, and the numbers that it must be told for them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ukf_sw.lowering.program import InputPlace, lower, places_of_inputs
+from ukf_sw.problem import Problem, of_sensor
+from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.model_programs import CoreModels, choose_models
+from ukf_sw.tracing.models import TracedModel, TracedProblem, trace_problem
+from ukf_sw.tracing.symbols import constants, shape_of
+
+__all__ = ["PlacedModels", "place_models"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedModels:
+    """Models on a core.
+
+    Parameters
+    ----------
+    models
+        Their programs.
+    traced
+        What was traced of all models of the problem.
+    places
+        Inputs in the order of region U.
+    """
+
+    models: CoreModels
+    traced: TracedProblem
+    places: tuple[InputPlace, ...]
+
+    @property
+    def f(self) -> bool:
+        """Whether the core evaluates f."""
+        return self.models.f is not None
+
+    @property
+    def h(self) -> bool:
+        """Whether the core evaluates the h of every sensor."""
+        return bool(self.models.h)
+
+    def inputs_of_f(self, u: Any, arguments: Mapping[str, Any]) -> dict[int, float]:
+        """Give the numbers of region U that f needs, by their place.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If u is not of the shape with which f was traced, or not of finite numbers, or there are
+            other arguments.
+        """
+        if arguments:
+            raise TypeError(
+                f"predict must have no arguments beside u with f on the core, not {[*arguments]!r}"
+            )
+        model = self.traced.f
+        return self._numbers("f", model, {"u": u}, model.call.positional)
+
+    def inputs_of_h(
+        self, sensor: str, arguments: Mapping[str, Any]
+    ) -> tuple[int, dict[int, float]]:
+        """Give the variant of a sensor's h, and the numbers of region U that it needs.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is not as those with which h was traced.
+        """
+        variants = self.traced.h[sensor]
+        expected = variants[0].call.keywords
+        if set(arguments) != set(expected):
+            raise TypeError(
+                f"update must have the arguments of {of_sensor('h', sensor)} as traced, "
+                f"{[*expected]!r}, not {[*arguments]!r}"
+            )
+        chosen = constants(arguments)
+        for variant, model in enumerate(variants):
+            if dict(model.constants) == chosen:
+                return variant, self._numbers("h", model, arguments, model.call.keywords)
+        known = ", ".join(repr(dict(model.constants)) for model in variants)
+        raise ValueError(
+            f"constants of {of_sensor('h', sensor)} must be those of a program on the core, "
+            f"{known}, not {chosen!r}"
+        )
+
+    def _numbers(
+        self, kind: str, model: TracedModel, given: Mapping[str, Any], example: Mapping[str, Any]
+    ) -> dict[int, float]:
+        found: dict[int, float] = {}
+        for name, value in given.items():
+            if shape_of(value) != shape_of(example[name]):
+                raise ValueError(
+                    f"{name} must have the shape with which {model.name} was traced, "
+                    f"{shape_of(example[name])!r}, not {shape_of(value)!r}"
+                )
+        used = set(model.graph.inputs)
+        for place, (of, source) in enumerate(self.places):
+            if of != kind or source not in used:
+                continue
+            number = float(np.asarray(source.of(given), dtype=np.float64))
+            if not np.isfinite(number):
+                raise ValueError(f"{source.label} must be finite, not {number!r}")
+            found[place] = number
+        return found
+
+
+def place_models(
+    problem: Problem, models: str | Mapping[str, str], fmt: FloatFormat | None = None
+) -> PlacedModels | None:
+    """Make programs of models of a problem; None if all are to be in software.
+
+    Parameters
+    ----------
+    problem
+        The problem. Its data say what the models are called with.
+    models
+        As :func:`ukf_sw.spec.model_programs.choose_models` takes it.
+    fmt
+        Number format of the core; None is that of the problem.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`ukf_sw.spec.model_programs.choose_models`, :func:`ukf_sw.tracing.models.trace_problem` and
+        :func:`ukf_sw.lowering.program.lower`.
+    """
+    which = choose_models(models)
+    if not which:
+        return None
+    traced = trace_problem(problem)
+    return PlacedModels(
+        models=lower(traced, problem, problem.format if fmt is None else fmt, which),
+        traced=traced,
+        places=places_of_inputs(
+            [model for model in traced.models if ("f" if model.sensor is None else "h") in which]
+        ),
+    )
