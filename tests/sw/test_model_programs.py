@@ -202,11 +202,10 @@ def small():
     f = finished(fmt, 2, scaled_rows, is_f=True)
     one = finished(fmt, 1, lambda b, *a: scaled_rows(b, *a)[:1], is_f=False)
     two = finished(fmt, 2, scaled_rows, is_f=False)
-    params = UkfParams(
+    return UkfParams(
         n=2, m=3, sensors=(1, 2), pes=2,
         models=CoreModels(f=f, h=((one,), (two,)), inputs=("u0", "u1")),
     )  # fmt: skip
-    return params
 
 
 def run_with(params, routine, u, mask=-1):

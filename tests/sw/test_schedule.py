@@ -31,9 +31,7 @@ def test_schedules_are_right(seed):
     params, pipeline = random_configuration(random.Random(seed))
     code = microcode(params, pipeline)
     for routine, found in code.programs.items():
-        check_schedule(
-            found.plan, pes=params.pes, pipeline=pipeline, registers=found.registers
-        )
+        check_schedule(found.plan, pes=params.pes, pipeline=pipeline, registers=found.registers)
         assert found.plan.operations, routine
 
 
