@@ -146,7 +146,7 @@ def test_random_models_have_everything():
 
 
 def test_noise_of_a_sensor_is_its_own():
-    """The h of a sensor gets its own noise terms, which stand behind those of the sensors before."""
+    """Those of the h of a sensor stand behind the noise terms of the sensors before."""
 
     def see(scale):
         return lambda x, v: np.array([scale * x[0] + v[0], x[1] * v[1]])
@@ -197,7 +197,7 @@ def scaled_rows(builder, x0, x1, u0, u1):
 
 @pytest.fixture(scope="module")
 def small():
-    """A core of two states and three observations of two sensors, whose rows are u0 and u1 times x."""
+    """Two states and three observations of two sensors, whose rows are u0 and u1 times x."""
     fmt = BINARY32
     f = finished(fmt, 2, scaled_rows, is_f=True)
     one = finished(fmt, 1, lambda b, *a: scaled_rows(b, *a)[:1], is_f=False)
