@@ -1,4 +1,4 @@
-"""The golden core with models: F, H and ITERATE are what their programs are, one after the other."""
+"""The golden core with models: F, H and ITERATE are what their programs are, in order."""
 
 import copy
 import dataclasses
@@ -369,7 +369,8 @@ def test_reset_in_a_chained_step(pristine, step):
     """Programs that have ended count, and the one that runs is dropped where it is."""
     start = copy.copy(pristine)
     programs = {
-        Step.F: [Program.MODEL_F, Program.PREDICT], Step.H: [Program.MODEL_H, Program.UPDATE_REDRAWN],
+        Step.F: [Program.MODEL_F, Program.PREDICT],
+        Step.H: [Program.MODEL_H, Program.UPDATE_REDRAWN],
         Step.ITERATE: [Program.MODEL_F, Program.PREDICT, Program.MODEL_H, Program.UPDATE],
     }[step]  # fmt: skip
     lengths = [start.engine.clocks(program) for program in programs]
@@ -388,7 +389,7 @@ def test_reset_in_a_chained_step(pristine, step):
         banks = pristine.banks
         left = clocks
         for index, (program, length) in enumerate(zip(programs, lengths, strict=True)):
-            ended = left > length and index + 1 < len(programs)
+            ended = left >= length and index + 1 < len(programs)
             Interpreter.run(
                 engine, program, state_bank=int(bool(banks & 1)), factor_bank=int(bool(banks & 2)),
                 stop_after=None if ended else left, mask=core.get(MASK),

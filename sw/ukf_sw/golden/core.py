@@ -530,7 +530,7 @@ class GoldenCore:
             left = self._cycles
             while (self._step, self._program) in FOLLOWING:
                 clocks = self.engine.clocks(*self._routine)
-                if left <= clocks:
+                if left < clocks:
                     break
                 if not self._run_program():  # an error has ended the step before
                     self._end()
