@@ -443,6 +443,8 @@ def test_agrees_with_model_on_every_clock(params):
                 request = stimulus.access(model)
                 if model.step != Step.IDLE and rng.random() < 0.4:
                     request = (1, INTERRUPT_PENDING.offset, rng.getrandbits(2), 0xF)
+                elif model.step in OF_MODELS and rng.random() < 0.08:
+                    request = (1, CONTROL.offset, CONTROL["RESET"].mask | 1, 0xF)
                 age = 0
             taking_effect = request is not None and age == 1
             busy = model.step != Step.IDLE

@@ -123,9 +123,7 @@ def test_models_agree_with_golden_model(params, pipeline):
     async def testbench(ctx):
         bench = Bench(ctx, dut, params, pipeline)
         chosen = [
-            each
-            for each in routines(params)
-            if each.program in (Program.MODEL_F, Program.MODEL_H)
+            each for each in routines(params) if each.program in (Program.MODEL_F, Program.MODEL_H)
         ]
         assert len({each.sensor for each in chosen}) == len(params.sensor_rows)
         for routine in chosen * 2:

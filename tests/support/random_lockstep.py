@@ -456,9 +456,11 @@ def models_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str
     for k in range(rounds):
         sensor = int(rng.integers(len(p.models.h)))
         variant = int(rng.integers(len(p.models.h[sensor])))
-        bus.access(Request(MASK.offset, int(rng.choice([0xFFFF_FFFF, int(rng.integers(1 << p.m))]))))
+        bus.access(
+            Request(MASK.offset, int(rng.choice([0xFFFF_FFFF, int(rng.integers(1 << p.m))])))
+        )
         step = Step((Step.ITERATE, Step.F, Step.H)[k % 3])
-        what = ("run", "run", "reset", "odd", "gate", "missing")[int(rng.integers(6))]
+        what = ("run", "reset", "run", "odd", "gate", "missing", "reset")[k // 3 % 7]
         if what == "odd":
             symbols = [symbol for symbol in ("U", "z", "X", "W", "V") if symbol in memory_map]
             region = memory_map[str(rng.choice(symbols))]
