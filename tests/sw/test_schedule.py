@@ -30,9 +30,9 @@ from ukf_sw.spec.sequence import Program, Routine
 def test_schedules_are_right(seed):
     params, pipeline = random_configuration(random.Random(seed))
     code = microcode(params, pipeline)
-    for program, (plan, registers) in code.programs.items():
-        check_schedule(plan, pes=params.pes, pipeline=pipeline, registers=registers)
-        assert plan.operations, program
+    for routine, found in code.programs.items():
+        check_schedule(found.plan, pes=params.pes, pipeline=pipeline, registers=found.registers)
+        assert found.plan.operations, routine
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -41,7 +41,7 @@ def test_words_mean_what_the_operations_mean(seed, sequential):
     params, pipeline = random_configuration(random.Random(100 + seed), largest=4)
     rng = np.random.default_rng(seed)
     layout = Layout(params)
-    for program, sensor in microcode(params, pipeline).programs:
+    for program, sensor, _ in microcode(params, pipeline).programs:
         memory = sequential(layout, params.format)
         interpreter = Interpreter(params, pipeline)
         values = params.format.round(rng.uniform(0.5, 2.0, size=memory.current.shape))
@@ -139,7 +139,7 @@ def test_a_schedule_that_repeats_itself_more_is_kept_if_it_is_hardly_longer():
     for seed in range(400, 412):
         params, pipeline = random_configuration(random.Random(seed), largest=4)
         code = microcode(params, pipeline)
-        for routine, (plan, _) in code.programs.items():
+        for routine, (plan, *_) in code.programs.items():
             plans = scheduler.schedules(plan.operations, code.timing)
             assert plan.issue in [each.issue for each in plans], routine
             assert plans[0].length == min(each.length for each in plans)
@@ -193,8 +193,8 @@ from ukf_sw.engine.microcode import Microcode
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 code = Microcode(UkfParams(n=2, m=2, q=1, r=1, sensors=(1, 1), pes=3), Pipeline(add=3))
-for routine, (plan, registers) in code.programs.items():
-    print(routine, plan.length, plan.issue, registers)
+for routine, (plan, registers, places, temporaries) in code.programs.items():
+    print(routine, plan.length, plan.issue, registers, places, temporaries)
 print(code.words, code.lane_sets)
 """
 
