@@ -24,7 +24,9 @@ from ukf_docs import DOCS
 __all__ = ["PAGES", "SLOW", "refresh"]
 
 #: Pages with executed code.
-PAGES = (DOCS / "own-model.md", DOCS / "sensors.md", DOCS / "from-filterpy.md")
+PAGES = tuple(
+    DOCS / name for name in ("own-model.md", "sensors.md", "from-filterpy.md", "models-on-core.md")
+)
 
 #: What blocks have that take long: they compile a core, or make many.
 SLOW = re.compile(r"\bcosimulate\b|\bukf (?:cosim|sweep|package|c-loop)\b")

@@ -13,7 +13,7 @@ from ukf_sw.golden import GoldenBus, GoldenCore
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline
 from ukf_sw.spec.registers import CONTROL, REGISTERS, STATUS
-from ukf_sw.spec.sequence import Step, find_way
+from ukf_sw.spec.sequence import ENDINGS, FOLLOWING, OF_SENSORS, Program, Step, find_way
 
 __all__ = ["LockstepBus", "MismatchError"]
 
@@ -244,24 +244,47 @@ class LockstepBus:
             self.device.sleep(8)
         self._catch_up()
 
-    def step_clocks(self, step: Step, sensor: int = 0) -> int:
+    def step_clocks(self, step: Step, sensor: int = 0, variant: int = 0) -> int:
         """Clocks that a step would take, as the model stands; 0 if it ends at once.
 
-        An UPDATE is that of a sensor.
+        See :meth:`program_clocks`.
+        """
+        return sum(self.program_clocks(step, sensor, variant))
+
+    def program_clocks(self, step: Step, sensor: int = 0, variant: int = 0) -> list[int]:
+        """Clocks of each program of a step, as the model stands, if none ends with an error.
+
+        Parameters
+        ----------
+        step
+            The step.
+        sensor, variant
+            Whose and which, of a step that has them.
 
         Raises
         ------
         ValueError
             If the step is illegal.
         """
-        way = find_way(step, self.golden.flags)
+        flags, clocks = self.golden.flags, list[int]()
+        way = find_way(step, flags)
         if way is None:
             raise ValueError(f"step must be legal in this state of the core, not {step.name}")
-        if way.program is None:
-            return 0
-        return self._code.clocks(way.program, sensor if step is Step.UPDATE else 0)
+        while way is not None and (program := way.program) is not None:
+            clocks.append(
+                self._code.clocks(
+                    program,
+                    sensor if program in OF_SENSORS else 0,
+                    variant if program is Program.MODEL_H else 0,
+                )
+            )
+            change = ENDINGS[program].success
+            flags = flags & ~change.clears | change.sets
+            following = FOLLOWING.get((step, program))
+            way = None if following is None else find_way(following, flags)
+        return clocks
 
-    def abort(self, step: Step, clocks: int, sensor: int = 0) -> int:
+    def abort(self, step: Step, clocks: int, sensor: int = 0, variant: int = 0) -> int:
         """Start a step, and write RESET some clocks later.
 
         Parameters
@@ -270,8 +293,8 @@ class LockstepBus:
             Step to start.
         clocks
             How long to wait between the writes.
-        sensor
-            Whose, if it is an UPDATE.
+        sensor, variant
+            Whose and which, of a step that has them.
 
         Returns
         -------
@@ -279,14 +302,14 @@ class LockstepBus:
             Clocks from the start to the reset.
         """
         control = CONTROL.offset
-        chosen = CONTROL["SENSOR"].put(sensor)
+        chosen = CONTROL["SENSOR"].put(sensor) | CONTROL["VARIANT"].put(variant)
         start = self.access(Request(control, _ENABLE | CONTROL[step.name].mask | chosen))
         self.device.sleep(clocks)
         request = Request(control, _ENABLE | CONTROL["RESET"].mask)
         (stop,) = self.device.transfer([request])
         passed = stop.clock - start.clock
         if self.golden.busy:
-            if passed > self.step_clocks(step, sensor):
+            if passed > self.step_clocks(step, sensor, variant):
                 self.golden.finish()
             else:
                 # The word of the clock after the reset is the last one that is executed; the

@@ -165,7 +165,7 @@ class RemoteBus(OneCore):
     ) -> None:
         with tempfile.TemporaryDirectory(prefix="ukf-bus-") as folder:
             address = str(Path(folder) / "socket")
-            record = Core(params=params, pipeline=pipeline or Pipeline()).record()
+            record = Core(params=params, pipeline=pipeline or Pipeline()).record(programs=True)
             record |= {"simulator": simulator.value, "cache": str(cache)}
             (Path(folder) / "core.json").write_text(json.dumps(record), encoding="utf-8")
             # A process of its own: compiling and simulating change the environment of a process.

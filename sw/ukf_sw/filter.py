@@ -117,9 +117,8 @@ class UnscentedKalmanFilter:
         self._placed = _placed(problem, backend, models)
         # Copies of a filter need neither the data nor what compares with them.
         self._problem = problem = replace(problem, data=None, error=None)
-        self._params = params = problem.params
-        if self._placed is not None:
-            self._params = params = replace(params, models=self._placed.models)
+        own = NO_MODELS if self._placed is None else self._placed.models
+        self._params = params = replace(problem.params, models=own)
         self._f = CheckedModel(
             problem.f, role="process model f", takes=("x", "w", "u"), asked_by="predict",
             rows=params.n, points=params.points, centre=params.centre,
@@ -637,7 +636,13 @@ def _placed(
     problem: Problem, backend: Backend | str, models: str | Mapping[str, str] | None
 ) -> "PlacedModels | None":
     """Make the programs of the models that a core is to evaluate; None if there are none."""
-    own = NO_MODELS if isinstance(backend, str) else backend.params.models
+    own = NO_MODELS
+    if isinstance(backend, str):
+        # Only a core can evaluate those that the problem has programs of.
+        own = NO_MODELS if backend == "reference" else problem.models
+    elif isinstance(backend, CoreBackend):
+        own = backend.params.models
+    wanted = models is not None
     if models is None:
         models = {"f": "core"} if own.f is not None else {}
         models |= {"h": "core"} if own.h else {}
@@ -648,7 +653,7 @@ def _placed(
 
     placed = place_models(problem, models)
     digest = 0 if placed is None else placed.models.digest
-    if not isinstance(backend, str) and own.digest != digest:
+    if own.digest != digest and not (wanted and isinstance(backend, str)):
         raise ValueError(
             f"models of a core for {problem.name} must be {digest:#010x}, not {own.digest:#010x}"
         )

@@ -31,6 +31,7 @@ from ukf_sw.extras import MissingExtraError
 from ukf_sw.models import ObservationModel, ProcessModel, check_takes, wrap
 from ukf_sw.spec.fields import as_bool, as_int, parameters_of
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
+from ukf_sw.spec.model_programs import NO_MODELS, CoreModels
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
 __all__ = ["Data", "Problem", "Sensor", "of_sensor"]
@@ -268,7 +269,7 @@ class Problem:
         noise. It costs a factorisation and, on a core, reading the points once more.
     W0
         Weight of sigma point 0, in [0, 1).
-    form, format, pes
+    form, format, pes, models
         Of a core for it, as :class:`ukf_sw.spec.parameters.UkfParams` has them.
     data
         Data, or a function that makes them: ``data(seed, steps)``, where None is all steps.
@@ -308,6 +309,7 @@ class Problem:
     form: Form = Form.SQUARE_ROOT
     format: FloatFormat = BINARY32
     pes: int = 1
+    models: CoreModels = NO_MODELS
     data: Data | Callable[[int, int | None], Data] | None = None
     error: Callable[[Array, Array], Array] | None = None
     error_names: tuple[str, ...] = ()
@@ -511,6 +513,7 @@ class Problem:
             form=self.form,
             format=self.format,
             pes=self.pes,
+            models=self.models,
         )
 
     @property
@@ -532,7 +535,10 @@ class Problem:
                 raise ValueError(
                     f"{entry.name} of a core for {self.name} must be {wanted!r}, not {found!r}"
                 )
-        return replace(self, W0=params.W0, form=params.form, format=params.format, pes=params.pes)
+        return replace(
+            self, W0=params.W0, form=params.form, format=params.format, pes=params.pes,
+            models=params.models,
+        )  # fmt: skip
 
     # Data.
 

@@ -7,6 +7,7 @@ import pytest
 from amaranth.sim import Simulator
 
 from support.axi4_lite_bench import AccessManager
+from support.random_models import any_models, with_models
 from ukf_hdl.core.control import Control
 from ukf_sw.spec import registers
 from ukf_sw.spec.float_format import BINARY16, BINARY64
@@ -34,7 +35,7 @@ from ukf_sw.spec.registers import (
     W0_LOW,
     ErrorCode,
 )
-from ukf_sw.spec.sequence import Program, Step
+from ukf_sw.spec.sequence import OF_MODELS, Program, Step
 
 STEPS = [step for step in Step if step is not Step.IDLE]
 PARAMS = [
@@ -47,6 +48,13 @@ PARAMS = [
         marks=pytest.mark.slow,
     ),
     pytest.param(UkfParams(n=2, m=6, sensors=(2, 1, 3)), id="sensors"),
+    pytest.param(
+        with_models(
+            UkfParams(n=2, m=6, sensors=(2, 1, 3)),
+            any_models(random.Random(1), UkfParams(n=2, m=6, sensors=(2, 1, 3)), steps=2),
+        ),
+        id="models",
+    ),
     pytest.param(
         UkfParams(
             n=3, m=2, q=3, r=2, W0=0.1, format=BINARY64, process_noise=Noise.ADDITIVE,
@@ -71,10 +79,13 @@ class Model:
     step: Step = Step.IDLE
     program: Program = Program.INIT
     sensor: int = 0
+    variant: int = 0
+    chosen: tuple = (0, 0)  # sensor and variant of the step
     initialised: int = 0
     points: int = 0
     predicted: int = 0
     residuals: int = 0
+    propagated: int = 0
     gated: int = 0
     ended: set = field(default_factory=set)
     error: tuple = (0, 0)
@@ -110,6 +121,7 @@ class Model:
             "run.stop": self.stop,
             "run.program": self.program,
             "run.sensor": self.sensor,
+            "run.variant": self.variant,
             "run.observation_mask": self.mask,
             "banks.state": self.state_bank,
             "banks.factor": self.factor_bank,
@@ -129,6 +141,7 @@ class Model:
                 p.pes | p.format.exponent_bits << 8 | p.format.fraction_bits << 12
                 | (p.form is Form.COVARIANCE) << 18 | (p.process_noise is Noise.ADDITIVE) << 19
                 | (p.observation_noise is Noise.ADDITIVE) << 20
+                | (p.models.f is not None) << 21 | bool(p.models.h) << 22
             ),
             STATUS: (
                 self.step | self.initialised << 4 | self.points << 5 | self.residuals << 6
@@ -142,7 +155,7 @@ class Model:
             W0_LOW: int(np.float64(p.W0).view(np.uint64)) & 0xFFFF_FFFF,
             W0_HIGH: int(np.float64(p.W0).view(np.uint64)) >> 32,
             SENSORS: 0b1101 if p.sensors else 1,
-            MODELS: 0,
+            MODELS: p.models.digest,
         }[register]  # fmt: skip
 
     def clock(self, *, write=None, state_written=False, factor_written=False, done=None):
@@ -172,22 +185,27 @@ class Model:
             reset = bool(action & CONTROL["RESET"].mask)
             steps = [step for step in STEPS if action & start_bit(step)]
             if steps and not reset:
-                events |= self._start(steps, busy, action >> 16 & 0x1F)
+                events |= self._start(steps, busy, action >> 16 & 0x1F, action >> 21 & 0xF)
         if done is not None and busy and not reset:
             events |= self._end(gate, *done)
         if reset:
             self.seen.add("reset while busy" if busy else "reset while idle")
             if busy and done is not None:
                 self.seen.add("reset on done")
+            if self.step in OF_MODELS and self.program is Program.PREDICT:
+                self.seen.add("reset of a chained program")
             self.step, self.stop = Step.IDLE, 1
             self.initialised = self.points = self.predicted = self.residuals = self.gated = 0
+            self.propagated = 0
             self.ended, self.error, self.cycles = set(), (0, 0), 0
         if events & clear:
             self.seen.add("set against clear")
         self.pending = self.pending & ~clear | events
 
-    def _start(self, steps, busy, sensor):
+    def _start(self, steps, busy, sensor, variant):
         step = steps[0]
+        f, h = self.params.models.f, self.params.models.h
+        sees = sensor < len(h) and variant < len(h[sensor])
         legal = (
             self.words[CONTROL] & 1
             and not busy
@@ -200,6 +218,9 @@ class Model:
                     (self.residuals or self.points) and sensor < (3 if self.params.sensors else 1)
                 ),
                 Step.COVARIANCE: self.initialised,
+                Step.F: self.points and f is not None,
+                Step.H: (self.points or (self.residuals and self.propagated)) and sees,
+                Step.ITERATE: self.points and f is not None and sees,
             }[step]
         )
         if not legal:
@@ -209,18 +230,16 @@ class Model:
         self.error = (0, 0)
         self.cycles = 0
         self.ended -= {step}
-        if step is Step.UPDATE:
+        if step in (Step.UPDATE, Step.H, Step.ITERATE):
             self.gated = 0
         if step is Step.SIG_GEN and self.points:
             self.ended |= {step}
             self.seen.add("at once")
             return 0b01
-        self.step, self.start = step, 1
-        self.sensor = sensor if step is Step.UPDATE else 0
-        if self.sensor:
-            self.seen.add("another sensor")
+        self.step = step
+        self.chosen = sensor, variant
         self.mask = self.words[MASK]
-        self.program = {
+        self._run({
             Step.INIT: Program.INIT,
             Step.SIG_GEN: Program.SIG_GEN_PREDICTED if self.predicted else Program.SIG_GEN,
             Step.PREDICT: Program.PREDICT,
@@ -228,13 +247,26 @@ class Model:
             Step.COVARIANCE: (
                 Program.COVARIANCE_PREDICTED if self.predicted else Program.COVARIANCE
             ),
-        }[step]
+            Step.F: Program.MODEL_F,
+            Step.H: Program.MODEL_H,
+            Step.ITERATE: Program.MODEL_F,
+        }[step])  # fmt: skip
         return 0
 
+    def _run(self, program):
+        """Start a program of the step."""
+        sensor, variant = self.chosen
+        of_sensor = (Program.UPDATE, Program.UPDATE_REDRAWN, Program.MODEL_H)
+        self.start, self.program = 1, program
+        self.sensor = sensor if program in of_sensor else 0
+        self.variant = variant if program is Program.MODEL_H else 0
+        if self.sensor:
+            self.seen.add("another sensor")
+        if self.variant:
+            self.seen.add("another variant")
+
     def _end(self, gate, code, index, nis, overflow):
-        program = self.program
-        self.ended |= {self.step}
-        self.step = Step.IDLE
+        program, step = self.program, self.step
         update = program in (Program.UPDATE, Program.UPDATE_REDRAWN)
         magnitude = (1 << (self.params.format.width - 1)) - 1
         gate &= magnitude
@@ -250,6 +282,34 @@ class Model:
             if nis & magnitude > gate:
                 self.gated, success, kind = 1, False, "gated"
         self.seen.add((kind, program))
+        self._leave(program, success, update)
+        following = self._following(step, program)
+        if not code and following is not None:
+            self.seen.add((step, program, following))
+            self._run(following)
+            return 0
+        self.ended |= {step}
+        self.step = Step.IDLE
+        return 0b01 | (0b10 if code else 0)
+
+    def _following(self, step, program):
+        """Program with which a step goes on; None if it ends."""
+        if program is Program.MODEL_F:
+            return Program.PREDICT
+        if program is Program.PREDICT and step is Step.ITERATE:
+            return Program.MODEL_H
+        if program is Program.MODEL_H:
+            return Program.UPDATE if self.residuals else Program.UPDATE_REDRAWN
+        return None
+
+    def _leave(self, program, success, update):
+        """What a program leaves."""
+        if program is Program.MODEL_F and not success:
+            self.points = self.predicted = self.residuals = self.propagated = 0
+        elif program in (Program.INIT, Program.PREDICT):
+            self.propagated = int(success and program is Program.PREDICT)
+        elif update or (program in (Program.SIG_GEN, Program.SIG_GEN_PREDICTED) and success):
+            self.propagated = 0
         if program is Program.INIT:
             self.initialised = int(success)
             self.points = self.predicted = self.residuals = 0
@@ -266,7 +326,6 @@ class Model:
             self.factor_bank ^= 1
         elif program is Program.UPDATE_REDRAWN:
             self.points = self.predicted = self.residuals = 0
-        return 0b01 | (0b10 if code else 0)
 
 
 def find(address):
@@ -308,7 +367,12 @@ class Stimulus:
         if choice < 0.35:
             return (0, rng.choice(REGISTERS).offset + rng.getrandbits(2), 0, 0)
         if choice < 0.80:
-            bits = start_bit(rng.choice([*STEPS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE]))
+            usual = [*set(STEPS) - OF_MODELS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE]
+            if self.params.models:
+                usual += [*sorted(OF_MODELS), Step.H, Step.ITERATE]
+            bits = start_bit(rng.choice(sorted(usual)))
+            if rng.random() < 0.03:
+                bits = start_bit(rng.choice(sorted(OF_MODELS)))
             if rng.random() < 0.05:
                 bits |= start_bit(rng.choice(STEPS))
             if rng.random() < 0.04:
@@ -317,7 +381,9 @@ class Stimulus:
                 bits |= CONTROL["ENABLE"].mask
             if rng.random() < 0.3:
                 bits |= rng.choice([0, 1, 2, 2, 3, 31]) << 16
-            bits |= rng.getrandbits(32) & ~0x1F1F03 if rng.random() < 0.2 else 0
+            if rng.random() < 0.3:
+                bits |= rng.choice([0, 1, 1, 2, 15]) << 21
+            bits |= rng.getrandbits(32) & ~0x1FFFF03 if rng.random() < 0.2 else 0
             return (1, CONTROL.offset, bits, self.strobe())
         if choice < 0.90:
             gate = self.number()
@@ -340,9 +406,21 @@ class Stimulus:
 EVENTS = {
     "illegal while busy", "illegal while idle", "reset while busy", "reset while idle", "at once",
     "set against clear", "reset on done", "overflow gated",
-    *(("ended", program) for program in Program),
-    *(("failed", program) for program in Program),
+    *((kind, program) for program in Program if "MODEL" not in program.name
+      for kind in ("ended", "failed")),
     ("gated", Program.UPDATE), ("gated", Program.UPDATE_REDRAWN),
+}  # fmt: skip
+#: The same of a core with models.
+EVENTS_OF_MODELS = {
+    "another variant",
+    *((kind, program) for program in (Program.MODEL_F, Program.MODEL_H)
+      for kind in ("ended", "failed")),
+    (Step.F, Program.MODEL_F, Program.PREDICT), (Step.H, Program.MODEL_H, Program.UPDATE),
+    (Step.H, Program.MODEL_H, Program.UPDATE_REDRAWN),
+    (Step.ITERATE, Program.MODEL_F, Program.PREDICT),
+    (Step.ITERATE, Program.PREDICT, Program.MODEL_H),
+    (Step.ITERATE, Program.MODEL_H, Program.UPDATE),
+    "reset of a chained program",
 }  # fmt: skip
 
 
@@ -365,6 +443,8 @@ def test_agrees_with_model_on_every_clock(params):
                 request = stimulus.access(model)
                 if model.step != Step.IDLE and rng.random() < 0.4:
                     request = (1, INTERRUPT_PENDING.offset, rng.getrandbits(2), 0xF)
+                elif model.step in OF_MODELS and rng.random() < 0.08:
+                    request = (1, CONTROL.offset, CONTROL["RESET"].mask | 1, 0xF)
                 age = 0
             taking_effect = request is not None and age == 1
             busy = model.step != Step.IDLE
@@ -416,6 +496,7 @@ def test_agrees_with_model_on_every_clock(params):
 
     simulate(dut, testbench)
     wanted = EVENTS | ({"another sensor"} if params.sensors else set())
+    wanted |= EVENTS_OF_MODELS if params.models else set()
     assert model.seen >= wanted, f"the stimulus never met {wanted - model.seen}"
 
 

@@ -6,6 +6,7 @@ import pytest
 from amaranth.sim import Simulator
 
 from support.axi4_lite_bench import AxiLiteManager, check_axi4_lite
+from support.random_models import sane_models, with_models
 from support.stub_engine import StubEngine
 from ukf_hdl.core.axi4_lite import Response
 from ukf_hdl.core.ukf_core import UkfCore
@@ -28,11 +29,14 @@ from ukf_sw.spec.registers import (
     STATUS,
     ErrorCode,
 )
-from ukf_sw.spec.sequence import Step
+from ukf_sw.spec.sequence import OF_MODELS, Step
 
 SMALLEST = UkfParams(n=1, m=1)
 FAST = Pipeline(multiply=1, add=1, reciprocal_sqrt=1)
 STEPS = [step for step in Step if step is not Step.IDLE]
+OF_TWO_SENSORS = UkfParams(
+    n=2, m=2, q=1, r=1, sensors=(1, 1), pes=3, observation_noise=Noise.AUGMENTED, format=BINARY16
+)
 
 
 def start_bit(step):
@@ -106,6 +110,10 @@ def test_wrong_params_are_rejected(args, message):
             ),
             FAST, 400, id="sensors",
         ),
+        pytest.param(
+            with_models(OF_TWO_SENSORS, sane_models(random.Random(1), OF_TWO_SENSORS)), FAST, 400,
+            id="models",
+        ),
     ],
 )  # fmt: skip
 def test_agrees_with_golden_core(params, pipeline, count):
@@ -120,9 +128,10 @@ def test_agrees_with_golden_core(params, pipeline, count):
         for column in range(region.columns)
     ]
     seen = set()
+    own = [step for step in STEPS if params.models or step not in OF_MODELS]
 
     def value():
-        if rng.random() < 0.12:
+        if rng.random() < (0.01 if params.models else 0.12):
             return rng.choice([params.format.infinity, params.format.nan])
         return int(params.format.encode(rng.choice([0.0, 0.5, 1.0, rng.uniform(-2, 2)])))
 
@@ -152,12 +161,13 @@ def test_agrees_with_golden_core(params, pipeline, count):
         for _ in range(count):
             choice = rng.random()
             if choice < 0.35:
-                step = rng.choice([*STEPS, Step.SIG_GEN, Step.PREDICT, Step.UPDATE, Step.UPDATE])
+                step = rng.choice([*own, Step.SIG_GEN, Step.PREDICT, Step.UPDATE, Step.UPDATE])
                 reset = CONTROL["RESET"].mask * (rng.random() < 0.03)
                 golden.hold = True
                 sensor = CONTROL["SENSOR"].put(rng.choice([0, 0, 1, 2]) if params.sensors else 0)
+                variant = CONTROL["VARIANT"].put(rng.choice([0, 0, 0, 1, 2]) if own[5:] else 0)
                 enable = rng.random() < 0.98
-                await write(CONTROL.offset, start_bit(step) | sensor | enable | reset)
+                await write(CONTROL.offset, start_bit(step) | sensor | variant | enable | reset)
                 if golden.busy:
                     if rng.random() < 0.3:  # a few clocks, which is less than any step takes
                         seen.add("while running")
@@ -173,7 +183,8 @@ def test_agrees_with_golden_core(params, pipeline, count):
                 await bench.idle()
                 for register in (STATUS, ERROR, CYCLES, NIS_LOW):
                     await read(register.offset)
-                seen.add((step, golden.read(ERROR.offset)[0] & 0xFF))
+                if not reset:
+                    seen.add((step, golden.read(ERROR.offset)[0] & 0xFF))
             elif choice < 0.75:
                 await write(rng.choice(elements), value(), rng.choice([0xF] * 9 + [3]))
             elif choice < 0.9:
@@ -189,7 +200,7 @@ def test_agrees_with_golden_core(params, pipeline, count):
     Bench(UkfCore(params, pipeline), rng, 0.2).simulate(testbench)
     assert "while running" in seen
     seen.discard("while running")
-    assert {step for step, code in seen if code == 0} == set(STEPS)
+    assert {step for step, code in seen if code == 0} == set(own)
     codes = {code for _, code in seen}
     assert ErrorCode.ILLEGAL_STEP in codes
     assert codes & {ErrorCode.NOT_FINITE, ErrorCode.SINGULAR_OBSERVATION}

@@ -155,7 +155,7 @@ def test_errors_of_results_of_models(monkeypatch):
     one, minus_two = (int(fmt.encode(value)) for value in (1.0, -2.0))
     infinity, nan = fmt.infinity, fmt.nan
     keep_all = Form(reading=Reading.NUMBER)
-    of_models, unchecked, odd, scalars = (Words(timing) for _ in range(4))
+    of_models, unchecked, odd, scalars, meeting = (Words(timing) for _ in range(5))
     for row in range(rows):
         gate = {"lanes_observation": 1 + row} if row < m else {}
         of_models.slot(row, keep_all, FROM + row, ONES, TO + row, row=1 + row, of_model=1, **gate)
@@ -177,15 +177,14 @@ def test_errors_of_results_of_models(monkeypatch):
     )
     scalars.at(LOAD_LATENCY + 2, scalar_address=1, address_0=ONES, **steering(form))
     scalars.at(LOAD_LATENCY + 2 + timing.lanes, write=1, write_address=TO, unchecked=1)
-    # A result of a model, which is checked, and a scalar that is not, on one clock.
-    both = Words(timing)
-    both.slot(
-        0, keep_all, FROM, ONES, TO, row=1, of_model=1, unchecked=1, bus_source=BusSource.LOAD,
+    # A number on the bus that may be anything, on the clock of a result.
+    meeting.slot(
+        0, keep_all, FROM, ONES, TO, row=1 + m, of_model=1, unchecked=1, bus_source=BusSource.LOAD,
         scalar_write=1,
     )  # fmt: skip
-    both.at(timing.lanes - LOAD_LATENCY, address_0=FROM + 1, select=0)
+    meeting.at(timing.lanes - LOAD_LATENCY, address_0=FROM + 1, select=0)
     programs = {
-        Program.COVARIANCE_PREDICTED: both.words,
+        Program.COVARIANCE_PREDICTED: meeting.words,
         Program.INIT: of_models.words, Program.SIG_GEN: unchecked.words,
         Program.PREDICT: odd.words, Program.COVARIANCE: scalars.words,
     }  # fmt: skip
@@ -232,6 +231,11 @@ def test_errors_of_results_of_models(monkeypatch):
         await prepare({0: [one, one], 1: [infinity, one]})
         assert await bench.run(Program.COVARIANCE) == (ErrorCode.NONE, 0)
         assert await bench.get(TO) == [infinity] * 2
+        await prepare({0: [one, one], 1: [nan, one]})
+        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.NONE, 0)
+        await prepare({0: [one, nan], 1: [one, one]})
+        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.MODEL_F, 0)
+
         await prepare({0: [nan, one]})
         assert await bench.run(Program.COVARIANCE) == (ErrorCode.NOT_FINITE, 0)
         assert await bench.get(TO) == before

@@ -31,6 +31,9 @@ C_DRIVER = "tests/system/test_c_driver.py"
 C_RECOVERY = "tests/system/test_c_recovery.py"
 C_MODELS = "tests/system/test_c_models.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
+MODEL_PROGRAMS = "tests/sw/test_model_programs.py"
+MODELS_IN_CORE = "tests/sw/test_golden_core_of_models.py"
+LOWERING = "tests/sw/test_lowering.py"
 ELEMENTARY = "tests/sw/test_elementary.py"
 ACCURACY = "tests/sw/test_elementary_accuracy.py"
 LANE_FORMS = "tests/sw/test_elementary_primitives.py"
@@ -61,6 +64,97 @@ class Mutant:
 
 
 MUTANTS = [
+    Mutant(
+        "models on the array: a place is free on the clock of its last read",
+        "sw/ukf_sw/engine/temporaries.py",
+        "busy[0][0] < first:", "busy[0][0] <= first:",
+        f"{MODEL_PROGRAMS} -k any_steps",
+    ),
+    Mutant(
+        "models on the array: an error has the row behind",
+        "sw/ukf_sw/engine/model_programs.py",
+        "output: (results[row], first + row)", "output: (results[row], first + (row + 1) % 2)",
+        f"{MODEL_PROGRAMS} -k not_finite",
+    ),
+    Mutant(
+        "models on the array: a row of h that is masked is an error",
+        "sw/ukf_sw/engine/model_programs.py",
+        "observation=None if self._is_f else row,", "observation=None,",
+        f"{MODEL_PROGRAMS} -k masked_row",
+    ),
+    Mutant(
+        "models on the array: a write with a condition keeps nothing",
+        "sw/ukf_sw/engine/operations.py",
+        "self.form.condition is not Condition.ALWAYS", "self.form is None",
+        f"{MODEL_PROGRAMS} -k another_order",
+    ),
+    Mutant(
+        "models on the array: what a conditional write keeps is not checked",
+        "sw/ukf_sw/engine/checker.py",
+        "for place, index, writer in kept[clock]:", "for place, index, writer in ():",
+        f"{MODEL_PROGRAMS} -k another_order",
+    ),
+    Mutant(
+        "models on the array: region U begins at its second number",
+        "sw/ukf_sw/engine/model_programs.py",
+        "layout.U[0].element(source.index)", "layout.U[0].element((source.index + 1) % 3)",
+        f"{MODEL_PROGRAMS} -k any_steps",
+    ),
+    Mutant(
+        "models on the array: a load beside a result hides what is not finite",
+        "sw/ukf_sw/engine/interpreter.py",
+        'checks_lanes = checked or word["of_model"]', "checks_lanes = checked",
+        f"{MODEL_PROGRAMS} -k row_that_is_wrong",
+    ),
+    Mutant(
+        "models on the array: a load beside a result hides what is not finite, in hardware",
+        "hdl/ukf_hdl/core/engine.py",
+        "write &= word.of_model | ~word.unchecked", "write &= ~word.unchecked",
+        f"{ENGINE_OF_MODELS} -k errors",
+    ),
+    Mutant(
+        "models on the array: an angle is not wrapped",
+        "sw/ukf_sw/lowering/program.py",
+        "outputs[row] = _wrapped(builder, own, centre)", "outputs[row] = own",
+        f"{LOWERING} -k angles",
+    ),
+    Mutant(
+        "models on the array: a joined difference is turned",
+        "sw/ukf_sw/lowering/arithmetic.py",
+        "negative = subtract and not turned", "negative = subtract",
+        f"{LOWERING} -k joins",
+    ),
+    Mutant(
+        "models on the array: all sensors have the first noise terms",
+        "sw/ukf_sw/lowering/program.py",
+        "Source(SourceKind.NOISE, first_term + row)", "Source(SourceKind.NOISE, row)",
+        f"{MODEL_PROGRAMS} -k noise_of_a_sensor",
+    ),
+    Mutant(
+        "steps of models: ITERATE ends with PREDICT",
+        "sw/ukf_sw/spec/sequence.py",
+        "    (Step.ITERATE, Program.PREDICT): Step.H,\n", "",
+        f"{MODELS_IN_CORE} -k iterate_is",
+    ),
+    Mutant(
+        "steps of models: H may follow an update that was rejected",
+        "sw/ukf_sw/spec/sequence.py",
+        "failure=Change(clears=Flag.PROPAGATED), gives_nis", "failure=Change(), gives_nis",
+        f"{MODELS_IN_CORE} -k rejected",
+    ),
+    Mutant(
+        "steps of models: a program ends a clock later for a reset",
+        "sw/ukf_sw/golden/core.py",
+        "if left < clocks:", "if left <= clocks:",
+        f"{MODELS_IN_CORE} -k chained",
+    ),
+    Mutant(
+        "steps of models: the variant is the first one",
+        "hdl/ukf_hdl/core/control.py",
+        "self.run.variant.eq(Mux(program == Program.MODEL_H, variant, 0))",
+        "self.run.variant.eq(0)",
+        f"{CONTROL} -k every_clock",
+    ),
     Mutant(
         "elementary: a coefficient of the sine in its 12th bit",
         "sw/ukf_sw/elementary/coefficients/coefficients.json",

@@ -21,13 +21,14 @@ from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.problem import Problem
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.memory_map import MemoryMap
-from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, REGISTERS, STATUS
-from ukf_sw.spec.sequence import Step
+from ukf_sw.spec.registers import CONTROL, CYCLES, ERROR, GATE_LOW, MASK, REGISTERS, STATUS
+from ukf_sw.spec.sequence import Step, find_way
 
 __all__ = [
     "access_at_random",
     "all_at_random",
     "change_model",
+    "models_at_random",
     "reset_during_steps",
     "run_on_odd_words",
     "use_filter",
@@ -282,9 +283,10 @@ def _put(bus: LockstepBus, address: int, word: int, bus_words: int) -> None:
         bus.access(Request(address + 4 * index, word >> 32 * index & 0xFFFF_FFFF))
 
 
-def _start(bus: LockstepBus, step: Step, sensor: int = 0) -> int:
+def _start(bus: LockstepBus, step: Step, sensor: int = 0, variant: int = 0) -> int:
     """Run a step; gives its error code."""
     start = _ENABLE | CONTROL[step.name].mask | CONTROL["SENSOR"].put(sensor)
+    start |= CONTROL["VARIANT"].put(variant)
     bus.access(Request(CONTROL.offset, start))
     bus.await_idle()
     return ERROR["CODE"].get(bus.golden.read(ERROR.offset)[0])
@@ -412,6 +414,88 @@ def access_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str
             bus.access(Request(CONTROL.offset, _ENABLE | CONTROL["RESET"].mask))
             ukf.reset()
     bus.verify()
+    counts["words compared"] = bus.words_compared
+    return counts
+
+
+def models_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str]:
+    """Run the models of a core: whole steps, resets in the middle of them, and odd words.
+
+    Parameters
+    ----------
+    context
+        The core; it has models.
+    seed
+        Seed of all choices.
+    rounds
+        How many steps.
+    """
+    rng = np.random.default_rng(seed)
+    p = context.job.params
+    fmt, memory_map, bus, driver = p.format, MemoryMap(p), context.lockstep, context.driver()
+    counts: Counter[str] = Counter()
+
+    def fill(symbol: str, values: NDArray[np.float64]) -> None:
+        region = memory_map[symbol]
+        words = fmt.encode(np.reshape(values, (region.rows, region.columns)))
+        for (row, column), word in np.ndenumerate(words):
+            _put(bus, memory_map.address(symbol, row, column), int(word), fmt.bus_words)
+
+    def begin() -> None:
+        """Reset, a new estimate, and all that the models are given."""
+        bus.access(Request(CONTROL.offset, _ENABLE | CONTROL["RESET"].mask))
+        driver.initialise(
+            0.5 * rng.standard_normal(p.n), np.eye(p.n), 0.01 * np.eye(p.q), 0.1 * np.eye(p.r)
+        )
+        if p.models.inputs:
+            fill("U", rng.uniform(0.1, 0.5, len(p.models.inputs)))
+        fill("z", 0.5 * rng.standard_normal(p.m))
+        assert _start(bus, Step.SIG_GEN) == 0
+
+    begin()
+    for k in range(rounds):
+        sensor = int(rng.integers(len(p.models.h)))
+        variant = int(rng.integers(len(p.models.h[sensor])))
+        bus.access(
+            Request(MASK.offset, int(rng.choice([0xFFFF_FFFF, int(rng.integers(1 << p.m))])))
+        )
+        step = Step((Step.ITERATE, Step.F, Step.H)[k % 3])
+        what = ("run", "reset", "run", "odd", "gate", "missing", "reset")[k // 3 % 7]
+        if what == "odd":
+            symbols = [symbol for symbol in ("U", "z", "X", "W", "V") if symbol in memory_map]
+            region = memory_map[str(rng.choice(symbols))]
+            address = memory_map.address(
+                region.symbol, int(rng.integers(region.rows)), int(rng.integers(region.columns))
+            )
+            _put(bus, address, int(rng.choice([fmt.nan, fmt.infinity, 1])), fmt.bus_words)
+        if what == "gate":
+            bus.access(Request(GATE_LOW.offset, int(rng.choice([1, fmt.infinity & 0xFFFF_FFFF]))))
+        legal = find_way(step, bus.golden.flags) is not None
+        if what == "reset" and legal:
+            # Near the end of each program, and anywhere.
+            ends = np.cumsum(bus.program_clocks(step, sensor, variant))
+            moments = [*(int(end) - 4 + int(rng.integers(-3, 4)) for end in ends),
+                       int(rng.integers(ends[-1])), int(rng.integers(6))]  # fmt: skip
+            passed = bus.abort(step, max(int(rng.choice(moments)), 0), sensor, variant)
+            number = int(np.searchsorted(ends, passed))
+            counts[f"reset of {step.name} in program {number}"] += 1
+            if number and passed in (ends[number - 1] + 1, ends[number - 1] + 2):
+                counts["reset on a boundary"] += 1
+        else:
+            code = _start(
+                bus, step, int(rng.choice([sensor, 31])) if what == "missing" else sensor,
+                15 if what == "missing" else variant,
+            )  # fmt: skip
+            counts[f"{step.name} code {code}"] += 1
+            if STATUS["GATED"].get(bus.golden.read(STATUS.offset)[0]):
+                counts["gated"] += 1
+        bus.verify()
+        if what != "run" or not bus.golden.flags or rng.random() < 0.2:
+            bus.access(Request(GATE_LOW.offset, fmt.infinity & 0xFFFF_FFFF))
+            begin()
+        elif find_way((Step.ITERATE, Step.F, Step.H)[(k + 1) % 3], bus.golden.flags) is None:
+            _start(bus, Step.SIG_GEN)
+        context.report(k + 1)
     counts["words compared"] = bus.words_compared
     return counts
 

@@ -34,7 +34,7 @@ from ukf_sw.spec.registers import (
     ErrorCode,
     Register,
 )
-from ukf_sw.spec.sequence import Bank, Flag, Program, Step
+from ukf_sw.spec.sequence import OF_MODELS, Bank, Flag, Program, Step
 
 SMALL = UkfParams(n=2, m=1, q=1, r=1, pes=2)
 EVERY_W0 = [0.0, 0.5]
@@ -42,6 +42,8 @@ FORMATS = [BINARY16, BFLOAT16, BINARY32, BINARY64, FloatFormat(exponent_bits=6, 
 ENABLE = CONTROL["ENABLE"].mask
 RESET = CONTROL["RESET"].mask
 START = {step: CONTROL[step.name].mask for step in Step if step is not Step.IDLE}
+#: Steps of a core without models.
+STEPS = set(START) - OF_MODELS
 ILLEGAL = (int(ErrorCode.ILLEGAL_STEP), 0)
 CLOCKS = 77
 
@@ -123,7 +125,7 @@ def test_registers_after_power_up(number_format):
     core = GoldenCore(params)
     expected = dict.fromkeys(REGISTERS, 0)
     expected |= {
-        ID: 0x554B_0005,
+        ID: 0x554B_0006,
         SIZES: 0x02_01_03_03,
         CONFIG: 4 | number_format.exponent_bits << 8 | number_format.fraction_bits << 12 | 3 << 18,
         MASK: 0b11,
@@ -188,7 +190,7 @@ def test_a_start_bit_acts_only_when_its_byte_is_strobed(core):
 
 @pytest.mark.parametrize("offset", range(4))
 def test_low_address_bits_do_not_matter(core, offset):
-    assert core.read(ID.offset + offset) == (0x554B_0005, True)
+    assert core.read(ID.offset + offset) == (0x554B_0006, True)
 
 
 def test_unmapped_addresses_are_refused(core):
@@ -233,9 +235,9 @@ def test_steps_are_legal_only_in_sequence(core):
     allowed = {
         (): {Step.INIT},
         (Step.INIT,): {Step.INIT, Step.SIG_GEN, Step.COVARIANCE},
-        (Step.INIT, Step.SIG_GEN): set(START),
-        (Step.INIT, Step.SIG_GEN, Step.PREDICT): set(START) - {Step.PREDICT},
-        (Step.INIT, Step.SIG_GEN, Step.PREDICT, Step.UPDATE): set(START),
+        (Step.INIT, Step.SIG_GEN): STEPS,
+        (Step.INIT, Step.SIG_GEN, Step.PREDICT): STEPS - {Step.PREDICT},
+        (Step.INIT, Step.SIG_GEN, Step.PREDICT, Step.UPDATE): STEPS,
         (Step.INIT, Step.SIG_GEN, Step.INIT): {Step.INIT, Step.SIG_GEN, Step.COVARIANCE},
     }
     for history, steps in allowed.items():
@@ -287,7 +289,7 @@ def test_programs_and_banks(core):
     assert (core.state_bank, core.factor_bank) == (0, 1)
     step(Step.UPDATE, Program.UPDATE_REDRAWN)
     assert flags(core) == {"INITIALISED": 1, "POINTS": 1}
-    assert done(core) == set(START)
+    assert done(core) == STEPS
 
 
 def test_sig_gen_with_points_there_ends_at_once(core):

@@ -30,9 +30,9 @@ from ukf_sw.spec.sequence import Program, Routine
 def test_schedules_are_right(seed):
     params, pipeline = random_configuration(random.Random(seed))
     code = microcode(params, pipeline)
-    for program, (plan, registers, *_) in code.programs.items():
-        check_schedule(plan, pes=params.pes, pipeline=pipeline, registers=registers)
-        assert plan.operations, program
+    for routine, found in code.programs.items():
+        check_schedule(found.plan, pes=params.pes, pipeline=pipeline, registers=found.registers)
+        assert found.plan.operations, routine
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -193,8 +193,8 @@ from ukf_sw.engine.microcode import Microcode
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
 code = Microcode(UkfParams(n=2, m=2, q=1, r=1, sensors=(1, 1), pes=3), Pipeline(add=3))
-for routine, (plan, registers, *_) in code.programs.items():
-    print(routine, plan.length, plan.issue, registers)
+for routine, (plan, registers, places, temporaries) in code.programs.items():
+    print(routine, plan.length, plan.issue, registers, places, temporaries)
 print(code.words, code.lane_sets)
 """
 

@@ -35,7 +35,7 @@ from .test_new import SIZES
 needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 FOLDER = Path(model.__file__).parent
 MODELS = (FOLDER / "table.c", FOLDER / "sensors" / "sensors.c")
-OPTIONS = tuple(part for file in MODELS for part in ("--models", file))
+OPTIONS = tuple(part for file in MODELS for part in ("--c-models", file))
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 #: Compiles in half the time, and rounds alike.
 PLAIN = ("-O0",)
@@ -225,10 +225,10 @@ def test_scenarios_for_another_core_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((), "give the models of another one with --models FILE.c"),
-        (("--models", "none.c"), "--models must be files that exist, not 'none.c'"),
-        (("--models", "."), "--models must be C files, which end with .c, not '.'"),
-        (("--models", FOLDER / "model.py"), "--models must be C files, which end with .c, not"),
+        ((), "give the models of another one with --c-models FILE.c"),
+        (("--c-models", "none.c"), "--c-models must be files that exist, not 'none.c'"),
+        (("--c-models", "."), "--c-models must be C files, which end with .c, not '.'"),
+        (("--c-models", FOLDER / "model.py"), "--c-models must be C files, which end with .c, not"),
         ((*OPTIONS, "--format", "float6.17"), "--format must be one that C has, binary32 or bin"),
         ((*OPTIONS, "--steps", 0), "--steps must be at least 1, not 0"),
     ],
@@ -250,10 +250,10 @@ def test_what_the_compiler_says_is_shown(ukf, tmp_path):
     """Errors, and what is missing, before the core is compiled."""
     problem = ("--problem", "support.turntable.model:augmented")
     models = copy_of_models(tmp_path, ("next[1] = rate;", "next[1] = speed;"))
-    result = ukf("c-loop", *problem, "--models", models[0], "--models", models[1], code=1)
+    result = ukf("c-loop", *problem, "--c-models", models[0], "--c-models", models[1], code=1)
     assert "error: 'speed' undeclared" in result.stderr.replace("‘", "'").replace("’", "'")
     assert "table.c:" in result.stderr
-    result = ukf("c-loop", *problem, "--models", models[1], code=1)
+    result = ukf("c-loop", *problem, "--c-models", models[1], code=1)
     assert "ukf_application" in result.stderr
     assert not (tmp_path / "build").exists()
 

@@ -1,10 +1,12 @@
 """The Verilog of the core against the golden model, through the bus, bit for bit."""
 
+import random
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from support.random_models import any_models, sane_models, with_models
 from ukf_sim.cosimulation import cosimulate
 from ukf_sim.session import Job, run_job
 from ukf_sim.simulators import Simulator, SimulatorError
@@ -218,6 +220,37 @@ def test_random_cores(core_cache, seed):
 )
 def test_random_cores_with_several_sensors(core_cache, seed, sensors):
     do_everything(core_cache, seed, rounds=60, sensors=sensors)
+
+
+def small_core_of_models(seed):
+    """A small core with models and its pipeline: every third of any steps, others of functions."""
+    params, pipeline = random_core(seed, 1 + seed % 2)
+    narrow = replace(
+        params, format=(BINARY16, BFLOAT16, BINARY32, ODD_FORMAT)[seed % 4], pes=1
+    )  # fmt: skip
+    small = replace(narrow, pes=min(params.pes, 2, narrow.columns))
+    rng = random.Random(seed)
+    if seed % 3 == 2:
+        return with_models(small, any_models(rng, small, steps=10, finite=0.95)), pipeline
+    return with_models(small, sane_models(rng, small)), pipeline
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [*range(600, 604), *(pytest.param(k, marks=pytest.mark.slow) for k in range(604, 624))],
+)
+def test_random_cores_with_models(core_cache, seed):
+    params, pipeline = small_core_of_models(seed)
+    job = Job(
+        params=params, pipeline=pipeline, task="support.random_lockstep:models_at_random",
+        arguments={"seed": seed, "rounds": 60},
+    )  # fmt: skip
+    counts = run_job(job, cache=core_cache, optimise=False).value
+    for step in ("ITERATE", "F", "H"):
+        assert sum(counts[f"{step} code {code}"] for code in range(7)) > 0
+        assert any(counts[f"reset of {step} in program {number}"] for number in range(4))
+    assert counts["ITERATE code 1"] + counts["F code 1"] + counts["H code 1"] > 0
+    assert counts["words compared"] > 1000
 
 
 @pytest.mark.slow

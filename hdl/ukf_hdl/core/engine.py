@@ -224,9 +224,9 @@ class Engine(wiring.Component):
         written = self._lane_set(word.write_lanes)
         write, scalar_write = word.write, word.scalar_write
         if self._has("unchecked"):
-            # A scalar that is unchecked may come on the clock of a model's result, which is not.
-            write = write & (~word.unchecked | word.of_model)
-            scalar_write = scalar_write & ~word.unchecked
+            # A number on the bus that may be anything can meet a result of a model in the lanes.
+            write &= word.of_model | ~word.unchecked
+            scalar_write &= ~word.unchecked
         bad_lanes = Signal(self._params.pes)
         bad_scalar = Signal()
         m.d.comb += [

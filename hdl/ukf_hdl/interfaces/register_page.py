@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from ukf_sw.spec.core import Core
 from ukf_sw.spec.sequence import ENDINGS, STEPS, WAYS, Flag, Way
 
 __all__ = ["register_map", "register_page"]
@@ -35,7 +34,7 @@ def register_map(record: dict[str, Any]) -> str:
         Description of the core.
     """
     lines = [
-        f"{Core.from_record(record).description}.",
+        f"{record['description']}.",
         "",
         f"Addresses are in bytes, {record['address_width']} bits wide. A word has 32 bits.",
         "",

@@ -61,12 +61,12 @@ def check_schedule(
                 f"{stage} of lane {lane} is used by operations {other} and {index} on clock {clock}"
             )
 
-    # Per clock: what is read, and what is written at its end. Places are lanes of words, of the
-    # current or of the next bank, and registers of the scalar file.
-    reads: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
+    # Per clock: what is read, by whom and of whom it is to be, and what is written at its end, by
+    # whom. Places are lanes of words, of the current or of the next bank, and registers of the
+    # scalar file. Two temporaries may share one, so a place does not say what is to be there.
+    reads: dict[int, list[tuple[_Place, int, int]]] = defaultdict(list)
     writes: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
-    kept: dict[int, list[tuple[_Place, int]]] = defaultdict(list)
-    expected: dict[tuple[int, _Place], int] = {}
+    kept: dict[int, list[tuple[_Place, int, int]]] = defaultdict(list)
     latest: dict[_Place, int] = {}
 
     def place_of(bank: str, word: Word, lane: int) -> _Place:
@@ -90,12 +90,11 @@ def check_schedule(
                 for lane in range(pes):
                     if beat.lanes >> lane & 1:
                         place = place_of("current", word, lane)
-                        reads[clock].append((place, index))
-                        expected[index, place] = latest.get(("current", word, lane), -1)
+                        writer = latest.get(("current", word, lane), -1)
+                        reads[clock].append((place, index, writer))
         if operation.scalar is not None:
             place = register(operation.scalar)
-            reads[issue].append((place, index))
-            expected[index, place] = producer[operation.scalar]
+            reads[issue].append((place, index, producer[operation.scalar]))
         if operation.result is not None:
             producer[operation.result] = index
             if registers is None or operation.result in registers:
@@ -112,27 +111,26 @@ def check_schedule(
                     bank = "next" if is_banked(word) else "current"
                     place = place_of(bank, word, lane)
                     if operation.keeps:
-                        kept[clock].append((place, index))
-                        expected[index, place] = latest.get((bank, word, lane), -1)
+                        kept[clock].append((place, index, latest.get((bank, word, lane), -1)))
                     writes[clock].append((place, index))
                     latest[bank, word, lane] = index
 
     found: dict[_Place, int] = {}
     for clock in sorted({*reads, *writes}):
         landing = {place for place, _ in writes[clock]}
-        for place, index in reads[clock]:
-            if found.get(place, -1) != expected[index, place]:
+        for place, index, writer in reads[clock]:
+            if found.get(place, -1) != writer:
                 raise ScheduleError(
                     f"operation {index} on clock {clock} reads {place} of operation "
-                    f"{found.get(place, -1)} instead of {expected[index, place]}"
+                    f"{found.get(place, -1)} instead of {writer}"
                 )
             if place in landing and place[0] != "scalar":
                 raise ScheduleError(f"{place} is read and written on clock {clock}")
-        for place, index in kept[clock]:
-            if found.get(place, -1) != expected[index, place]:
+        for place, index, writer in kept[clock]:
+            if found.get(place, -1) != writer:
                 raise ScheduleError(
                     f"operation {index} on clock {clock} keeps {place} of operation "
-                    f"{found.get(place, -1)} instead of {expected[index, place]}"
+                    f"{found.get(place, -1)} instead of {writer}"
                 )
         for place, index in writes[clock]:
             found[place] = index

@@ -228,7 +228,7 @@ class ControlFormat:
         ``of_model``
             The row is that of a result of a model.
         ``unchecked``
-            What is written may be infinite or NaN, unless it is the row of a model.
+            What is written may be infinite or NaN; a result of a model in the lanes may not.
         ``signed``
             What is on the scalar bus enters 1/sqrt as :attr:`ukf_sw.spec.forms.Root.SIGNED`.
         ``last``

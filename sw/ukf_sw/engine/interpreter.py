@@ -334,14 +334,14 @@ def _execute(
                     error_code = _NOT_POSITIVE
                     error_index = row - array.observations
                 of_innovation &= finite
+            # A number on the bus that may be anything can meet a result of a model in the lanes.
             checked = not word["unchecked"]
+            checks_lanes = checked or word["of_model"]
             if checked and (word["scalar_write"] or (word["write"] and word["write_bus"])):
                 good = bus_masked or abs(bus) < np.inf
                 of_innovation &= good or word["nis"] != 0
                 finite &= good
-            # A scalar that is unchecked may come on the clock of a model's result, which is not.
-            lanes_checked = checked or word["of_model"] != 0
-            if lanes_checked and word["write"] and not word["write_bus"] and not lanes_masked:
+            if checks_lanes and word["write"] and not word["write_bus"] and not lanes_masked:
                 for lane in range(pes):
                     if lanes[lane]:
                         good = abs(lanes_ring[clock % _RING, lane]) < np.inf

@@ -484,6 +484,10 @@ class GoldenCore:
         self._cycles = 0
         while self._run_program():
             pass
+        self._end()
+
+    def _end(self) -> None:
+        """End the step that runs."""
         self._done |= self._done_bit(self._step)
         self._step = Step.IDLE
         self._signal("DONE")
@@ -524,9 +528,16 @@ class GoldenCore:
         """RESET was written."""
         if self.busy:
             left = self._cycles
-            while left > (clocks := self.engine.clocks(*self._routine)) and self._run_program():
+            while (self._step, self._program) in FOLLOWING:
+                clocks = self.engine.clocks(*self._routine)
+                if left < clocks:
+                    break
+                if not self._run_program():  # an error has ended the step before
+                    self._end()
+                    break
                 left -= clocks
-            self._execute(left)
+            if self.busy:
+                self._execute(left)
         self._clear()
 
 

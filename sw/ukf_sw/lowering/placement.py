@@ -125,8 +125,8 @@ def place_models(
     Raises
     ------
     TypeError, ValueError
-        As :func:`ukf_sw.spec.model_programs.choose_models`, :func:`ukf_sw.tracing.models.trace_problem` and
-        :func:`ukf_sw.lowering.program.lower`.
+        As :func:`ukf_sw.spec.model_programs.choose_models`,
+        :func:`ukf_sw.tracing.models.trace_problem` and :func:`ukf_sw.lowering.program.lower`.
     """
     which = choose_models(models)
     if not which:

@@ -73,10 +73,10 @@ def lower(
 
     def program(model: TracedModel) -> ModelProgram:
         if model.sensor is None:
-            angles = problem.state_angles
-        else:
-            angles = problem.sensor(model.sensor).angles
-        return lower_model(model, fmt, places, cast("tuple[int, ...]", angles))
+            return lower_model(model, fmt, places, cast("tuple[int, ...]", problem.state_angles))
+        angles = cast("tuple[int, ...]", problem.sensor(model.sensor).angles)
+        terms = problem.terms_of(problem.sensor_names.index(model.sensor))
+        return lower_model(model, fmt, places, angles, terms.start)
 
     return CoreModels(
         f=program(traced.f) if "f" in which else None,
@@ -92,6 +92,7 @@ def lower_model(
     fmt: FloatFormat,
     places: Sequence[InputPlace],
     angles: Sequence[int] = (),
+    first_term: int = 0,
 ) -> ModelProgram:
     """Make the program of a model.
 
@@ -106,6 +107,8 @@ def lower_model(
     angles
         Rows of the result that are wrapped to within half a turn of the same row of one sigma
         point, and so are observations of these rows.
+    first_term
+        Row of the sigma points of the noise at which those of the model begin.
     """
     builder = SequenceBuilder(fmt)
     lowering = GraphLowering(builder, model.graph, model.title)
@@ -115,8 +118,11 @@ def lower_model(
         if not source.per_point:
             place = Source(SourceKind.INPUT, places.index((_kind(model), source)))
         else:
-            kind = SourceKind.STATE if source.argument == "x" else SourceKind.NOISE
-            place = Source(kind, cast("int", source.path[0]))
+            row = cast("int", source.path[0])
+            if source.argument == "x":
+                place = Source(SourceKind.STATE, row)
+            else:
+                place = Source(SourceKind.NOISE, first_term + row)
         inputs.append((temporary, place))
     outputs = lowering.outputs()
     measurements: list[tuple[int, Operand]] = []

@@ -23,7 +23,9 @@ from ukf_sw.problem import Problem
 from ukf_sw.problems.entry import Entry
 from ukf_sw.problems.finding import digest_of_modules, find, is_own
 from ukf_sw.problems.logs import LogFiles
+from ukf_sw.problems.placing import core_models
 from ukf_sw.problems.systems.random_system import STEPS, random_scenario
+from ukf_sw.spec.model_programs import NO_MODELS
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = ["Recipe"]
@@ -97,14 +99,18 @@ class Recipe:
         name, seed, P0, logs
             As above.
         **changes
-            Parameters of its core to replace, such as ``pes=4``.
+            Parameters of its core to replace, such as ``pes=4``, or ``models="core"``.
 
         Raises
         ------
         ValueError
             As above.
         """
-        params = replace(find(name).params, **changes)
+        params = replace(find(name).params, **(changes | {"models": NO_MODELS}))
+        wanted = changes.get("models", NO_MODELS)
+        if isinstance(wanted, str):
+            wanted = core_models(name, wanted, params.format)
+        params = replace(params, models=wanted)
         return cls(name=name, params=params, seed=seed, P0=P0, logs=logs)
 
     @property

@@ -243,14 +243,19 @@ def run(
             after_step(0, ukf)
         for k in range(total):
             with _placed(k, float(data.times[k])):
-                ukf.predict(None if data.inputs is None else data.inputs[k])
+                u = None if data.inputs is None else data.inputs[k]
                 extra = data.observation_arguments
                 arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-                for number, (name, z, sampled) in enumerate(sensors):
-                    if sampled[k].any():
-                        ukf.update(z[k], mask=sampled[k], sensor=name, **arguments)
-                        nis[k, number] = ukf.nis
-                        gated[k] |= ukf.gated
+                given = [entry for entry in enumerate(sensors) if entry[1][2][k].any()]
+                if not given:
+                    ukf.predict(u)
+                for number, (name, z, sampled) in given:
+                    if number == given[0][0]:
+                        ukf.iterate(u, z[k], sampled[k], sensor=name, **arguments)
+                    else:
+                        ukf.update(z[k], sampled[k], sensor=name, **arguments)
+                    nis[k, number] = ukf.nis
+                    gated[k] |= ukf.gated
             last_x = x[k] = ukf.x
             done = k + 1
             if after_step is not None:

@@ -3,17 +3,46 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
-from ukf_sw.spec.fields import Parameter, parameters_of
+from ukf_sw.spec.fields import Meaning, Parameter, parameters_of
 from ukf_sw.spec.model_programs import CoreModels
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
-__all__ = ["PARAMETERS", "Core"]
+__all__ = ["PARAMETERS", "Core", "Placement"]
+
+
+class Placement(Enum):
+    """Models that a core evaluates."""
+
+    SOFTWARE = "software"  #: None of them.
+    CORE = "core"  #: All of them.
+    F = "f"  #: The process model.
+    H = "h"  #: The observation models.
+
+    @classmethod
+    def of(cls, models: CoreModels) -> "Placement":
+        """Tell which of them a core has."""
+        if models.f is not None:
+            return cls.CORE if models.h else cls.F
+        return cls.H if models.h else cls.SOFTWARE
+
+
+_MODELS = Parameter(
+    name="models",
+    kind=Placement,
+    meaning=Meaning("Models that the core evaluates: all, f, h, or none.", words="models {value}"),
+    default=Placement.SOFTWARE,
+)
 
 #: Every parameter of a core by label, in order: what it computes, then how it is built.
-PARAMETERS: dict[str, Parameter] = {**parameters_of(UkfParams), **parameters_of(Pipeline)}
-if len(PARAMETERS) < len(parameters_of(UkfParams)) + len(parameters_of(Pipeline)):
+PARAMETERS: dict[str, Parameter] = {
+    **parameters_of(UkfParams),
+    _MODELS.label: _MODELS,
+    **parameters_of(Pipeline),
+}
+if len(PARAMETERS) < 1 + len(parameters_of(UkfParams)) + len(parameters_of(Pipeline)):
     raise TypeError("UkfParams and Pipeline must have no label in common")
 
 
@@ -60,6 +89,15 @@ class Core:
              if label in values}
             for block in (UkfParams, Pipeline)
         )  # fmt: skip
+        placement = _MODELS.check(values.get("models", _MODELS.default))
+        if placement is not Placement.SOFTWARE:
+            if problem is None:
+                raise ValueError(f"models must be in software without a problem, not {placement!r}")
+            # What traces models is imported by those who need it.
+            from ukf_sw.problems.placing import core_models
+
+            fmt = UkfParams(**params).format
+            params["models"] = core_models(problem, placement.value, fmt)
         return cls(
             params=UkfParams(**params),
             pipeline=Pipeline(**pipeline),
@@ -69,11 +107,19 @@ class Core:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Core":
-        """Make the core that a :meth:`record` describes."""
+        """Make the core that a :meth:`record` describes.
+
+        Raises
+        ------
+        ValueError
+            If it has models, and the record not their programs.
+        """
         values = _from_record(UkfParams, record["parameters"])
         models = record.get("models")
         if models is not None:
-            values["models"] = CoreModels.from_record(models, values["format"])
+            if "programs" not in models:
+                raise ValueError("record must have the programs of the models of a core")
+            values["models"] = CoreModels.from_record(models["programs"], values["format"])
         return cls(
             params=UkfParams(**values),
             pipeline=Pipeline(**_from_record(Pipeline, record["pipeline"])),
@@ -81,14 +127,22 @@ class Core:
 
     def values(self) -> dict[str, Any]:
         """Parameters by label."""
-        return {
+        values = {
             label: getattr(block, entry.name)
             for block in (self.params, self.pipeline)
             for label, entry in parameters_of(type(block)).items()
         }
+        values["models"] = Placement.of(self.params.models)
+        return {label: values[label] for label in PARAMETERS}
 
-    def record(self) -> dict[str, dict[str, Any]]:
-        """Describe the core exactly, but not what it is for, ready for JSON.
+    def record(self, *, programs: bool = False) -> dict[str, dict[str, Any]]:
+        """Describe the core, but not what it is for, ready for JSON.
+
+        Parameters
+        ----------
+        programs
+            Whether to describe the models on it exactly, so that :meth:`from_record` can make the
+            same core. Else there is only what tells them from others.
 
         Returns
         -------
@@ -97,8 +151,15 @@ class Core:
             they do not.
         """
         record = {"parameters": _record(self.params), "pipeline": _record(self.pipeline)}
-        if self.params.models:
-            record["models"] = self.params.models.record()
+        models = self.params.models
+        if models:
+            record["models"] = {
+                "on_core": Placement.of(models).value,
+                "digest": f"{models.digest:#010x}",
+                "inputs": [*models.inputs],
+            }
+            if programs:
+                record["models"] |= {"programs": models.record()}
         return record
 
     @property

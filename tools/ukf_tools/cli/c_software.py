@@ -55,10 +55,10 @@ def _steps_option(default: int) -> Any:
     return typer.Option("--steps", min=1, help=text, rich_help_panel=DATA)
 
 
-ModelsOption = Annotated[
+CModelsOption = Annotated[
     list[Path] | None,
     typer.Option(
-        "--models",
+        "--c-models",
         metavar="FILE.c",
         help="C file with models of the problem and ukf_application(); may be given several times. "
         "Those of the nanosatellites are known.",
@@ -73,13 +73,18 @@ def _check_models(core: Core, models: list[Path]) -> None:
         known = ", ".join(NANOSATELLITES)
         raise ValueError(
             f"--problem must be one of {known}, whose models are in C, not {core.problem!r}; give "
-            "the models of another one with --models FILE.c"
+            "the models of another one with --c-models FILE.c"
+        )
+    if core.params.models:
+        raise ValueError(
+            "--models must be software: the driver in C does not start the steps of models on the "
+            "core"
         )
     for file in models:
         if file.suffix != ".c":
-            raise ValueError(f"--models must be C files, which end with .c, not {str(file)!r}")
+            raise ValueError(f"--c-models must be C files, which end with .c, not {str(file)!r}")
         if not file.is_file():
-            raise ValueError(f"--models must be files that exist, not {str(file)!r}")
+            raise ValueError(f"--c-models must be files that exist, not {str(file)!r}")
     if core.params.format not in (BINARY32, BINARY64):
         raise ValueError(
             "--format must be one that C has, binary32 or binary64, not "
@@ -138,7 +143,7 @@ def export(
 def c_loop(
     core: Core,
     recipe: Recipe,
-    models: ModelsOption = None,
+    c_models: CModelsOption = None,
     steps: Annotated[int | None, _steps_option(STEPS)] = None,
     plot: PlotOption = None,
     interrupt: InterruptOption = True,
@@ -156,7 +161,7 @@ def c_loop(
 ) -> None:
     """Run the C driver and models in C on the simulated core, against the golden model.
 
-    The models are those of a nanosatellite, or of any problem with --models: files that have what
+    The models are those of a nanosatellite, or of any problem with --c-models: files that have what
     sw/c/apps/application.h asks for, which `ukf new` writes as well. The exit code is 1 if a bit
     differs from the filter in Python. For a plot, the covariance is read after each step as well.
     """
@@ -166,7 +171,7 @@ def c_loop(
     from ukf_sim.simulators import SimulatorError
 
     with checked():
-        _check_models(core, models or [])
+        _check_models(core, c_models or [])
     if beside_cocotb:
         require("sim")
     try:
@@ -181,7 +186,7 @@ def c_loop(
         bar = bars.add_task("Starting", total=None)
         try:
             outcome = run_c_in_the_loop(
-                problem, steps, models=models or (), pipeline=core.pipeline, interrupt=interrupt,
+                problem, steps, models=c_models or (), pipeline=core.pipeline, interrupt=interrupt,
                 word_clocks=bus_latency, covariances=plot is not None, warn=_print_warnings,
                 progress=lambda what: bars.update(bar, description=what.capitalize()),
             )  # fmt: skip
@@ -227,7 +232,7 @@ def c_loop(
 def c_arm(
     core: Core,
     recipe: Recipe,
-    models: ModelsOption = None,
+    c_models: CModelsOption = None,
     steps: Annotated[int | None, _steps_option(ARM_STEPS)] = None,
     output: Annotated[
         Path, folder_option("--output", "Folder for the program and its samples.")
@@ -236,14 +241,14 @@ def c_arm(
 ) -> None:
     """Cross-compile models in C for a Cortex-A9 and run them under QEMU, on the golden model.
 
-    They are those of a nanosatellite, or of any problem with --models, as in c-loop. The exit code
-    is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
+    They are those of a nanosatellite, or of any problem with --c-models, as in c-loop. The exit
+    code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_tools.arm.emulator import require_arm, run_on_arm
 
     with checked():
-        _check_models(core, models or [])
+        _check_models(core, c_models or [])
     try:
         require_arm()
     except CompilerError as error:
@@ -252,7 +257,7 @@ def c_arm(
         bars.add_task("Running", total=None)
         try:
             outcome = run_on_arm(
-                *_scenario(recipe, steps, ARM_STEPS), output, models=models or (),
+                *_scenario(recipe, steps, ARM_STEPS), output, models=c_models or (),
                 warn=_print_warnings,
             )  # fmt: skip
         except (CompilerError, OSError) as error:

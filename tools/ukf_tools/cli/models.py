@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ukf_sw.problems.finding import find
+from ukf_sw.problems.placing import STEPS, example_of
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.cli.console import JsonOption, checked, needs, print_json
@@ -23,27 +24,10 @@ models_app = typer.Typer(
     name="models", help="What the models of a problem compute.", no_args_is_help=True
 )
 
-#: Steps of the data whose inputs and arguments are looked at.
-STEPS = 100
-
 
 @models_app.callback()
 def models() -> None:
     """What the models of a problem compute."""
-
-
-def _scenario(name: str, steps: int) -> Any:
-    """Give a problem with some of its data; all of them if there are not as many."""
-    entry = find(name, "--problem")
-    problem = entry.problem
-    if problem.data is None:
-        return problem
-    if entry.own is not None and not callable(problem.data):
-        return problem.with_data(0, min(steps, problem.steps))
-    try:
-        return entry.scenario(0, steps)
-    except ValueError:
-        return entry.scenario(0)
 
 
 @models_app.command("show")
@@ -93,7 +77,8 @@ def show(
 
     with checked():
         wanted = [] if pes is None else numbers("--pes", pes)
-        found = _scenario(problem, steps)
+        find(problem, "--problem")
+        found = example_of(problem, steps)
         chosen = found.format
         if format is not None:
             chosen = read_entry("--format", format, parameters_of(UkfParams)["format"])

@@ -24,7 +24,8 @@ __all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesi
 
 def _computed(params: UkfParams) -> dict[str, Any]:
     """What a core computes, however it is built."""
-    return Core(params=params).record()["parameters"]
+    record = Core(params=params).record()
+    return record["parameters"] | ({"models": record["models"]} if "models" in record else {})
 
 
 class Part(ABC):
