@@ -7,12 +7,14 @@ from itertools import groupby, pairwise
 
 import pytest
 
+from support.model_cores import model_core
 from support.random_cores import random_configuration
 from ukf_sw.engine.checker import ScheduleError, check_schedule
 from ukf_sw.engine.control_word import BusSource
 from ukf_sw.engine.disassembler import disassemble, fields_of, kind_of
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.microcode import microcode
+from ukf_sw.engine.model_programs import model_of
 from ukf_sw.engine.operations import Kind, ProgramBuilder
 from ukf_sw.engine.scheduler import Schedule, schedule
 from ukf_sw.engine.timing import Timing
@@ -34,6 +36,17 @@ def random_code(seed, largest=4):
     return microcode(*random_configuration(random.Random(seed), largest=largest))
 
 
+#: Cores at random, and some that evaluate models.
+CORES = [*range(8), "battery", "ctrv"]
+
+
+def code_of(seed, core):
+    """A core at random, or that of a problem's models."""
+    if isinstance(core, int):
+        return random_code(seed + core)
+    return microcode(model_core(core, pes=4), Pipeline(add=3, reciprocal_sqrt=4))
+
+
 def reads_of(code, routine):
     """Clocks on which the control words read something."""
     words = code.words_of(*routine)
@@ -43,10 +56,10 @@ def reads_of(code, routine):
 # Clocks without an issue.
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_every_clock_without_an_issue_has_a_reason(seed):
-    code = random_code(600 + seed)
-    for routine, (plan, _) in code.programs.items():
+@pytest.mark.parametrize("core", CORES)
+def test_every_clock_without_an_issue_has_a_reason(core):
+    code = code_of(600, core)
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         issued = reads_of(code, routine)
         assert set(found.idle) == set(range(plan.length)) - issued
@@ -155,12 +168,12 @@ def test_a_wait_has_the_name_of_what_is_waited_for():
 # The longest chain.
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_every_operation_of_the_chain_waits_for_the_one_before(seed):
+@pytest.mark.parametrize("core", CORES)
+def test_every_operation_of_the_chain_waits_for_the_one_before(core):
     """Against the control words: what is read was written on the clock before, and not sooner."""
-    code = random_code(620 + seed)
+    code = code_of(620, core)
     results = 0
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         instructions = {entry.clocks[0]: entry for entry in disassemble(code, *routine)}
         found = explain(code, routine)
         links = [step.link for step in found.chain]
@@ -197,11 +210,11 @@ def expanded(text):
         yield from [word] * int(*times or "1")
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_stretches_are_the_chain_in_short(seed):
-    code = random_code(640 + seed)
+@pytest.mark.parametrize("core", CORES)
+def test_stretches_are_the_chain_in_short(core):
+    code = code_of(640, core)
     roots = 0
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         names = [step.part for step in found.chain]
         assert [each.name for each in found.stretches] == [name for name, _ in groupby(names)]
@@ -219,11 +232,11 @@ def test_stretches_are_the_chain_in_short(seed):
 # Bounds, lanes.
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_bounds(seed):
+@pytest.mark.parametrize("core", CORES)
+def test_bounds(core):
     """None is larger than the program; those of stages are counted in the control words."""
-    code = random_code(660 + seed)
-    for routine, (plan, _) in code.programs.items():
+    code = code_of(660, core)
+    for routine, (plan, *_) in code.programs.items():
         found = explain(code, routine)
         assert max(found.bounds.values()) <= plan.length
         assert found.ratio >= 1.0
@@ -255,18 +268,19 @@ def test_lanes_that_take_part():
 
 
 def bus_clocks(fields):
-    """Clocks on which something is on the scalar bus: a register or a word takes it."""
+    """Clocks on which something is on the scalar bus: a register, a word or 1/sqrt takes it."""
     return {
         clock for clock, each in enumerate(fields)
         if "scalar_write" in each or ("write" in each and "write_bus" in each)
+        or each.get("bus_source") == BusSource.LOAD
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_tracks_are_those_of_the_control_words(seed):
-    code = random_code(680 + seed)
+@pytest.mark.parametrize("core", CORES)
+def test_tracks_are_those_of_the_control_words(core):
+    code = code_of(680, core)
     timing, add = code.timing, code.pipeline.add
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = tracks(plan)
         fields = [fields_of(code, word) for word in code.words_of(*routine)]
         assert set(found["issue"][0]) == reads_of(code, routine)
@@ -318,7 +332,7 @@ def test_rows_of_the_elimination(seed):
     Behind the rows of the observations stands what is of the new state.
     """
     code = random_code(700 + seed)
-    for routine, (plan, _) in code.programs.items():
+    for routine, (plan, *_) in code.programs.items():
         found = parts(plan.operations, code.layout)
         pivots = [k for k, operation in enumerate(plan.operations) if operation.pivot is not None]
         rows = {part.row for part in found} - {None}
@@ -342,12 +356,43 @@ def test_parts_of_the_other_programs():
     code = microcode(UkfParams(n=2, m=1, q=1, r=1, pes=2), Pipeline())
     named = {
         routine.program.name: {part.name for part in parts(plan.operations, code.layout)}
-        for routine, (plan, _) in code.programs.items()
+        for routine, (plan, *_) in code.programs.items()
     }
     assert named["INIT"] == {"checks", "sigma points"}
     assert named["SIG_GEN"] == {"factor", "sigma points"}
     assert named["PREDICT"] == {"residuals"}
     assert named["COVARIANCE"] == named["COVARIANCE_PREDICTED"] == {"covariance"}
+
+
+@pytest.mark.parametrize("name", ["battery", "ctrv"])
+def test_parts_of_models(name):
+    code = microcode(model_core(name, pes=4), Pipeline())
+    for routine, (plan, *_) in code.programs.items():
+        if routine.program not in (Program.MODEL_F, Program.MODEL_H):
+            continue
+        found = parts(plan.operations, code.layout)
+        program = model_of(code.layout, routine)
+        beats = len(ProgramBuilder(code.layout).lanes_by_beat([code.layout.points]))
+        names = Counter(part.name for part in found)
+        assert set(names) <= {"inputs", "stream through 1/sqrt", "model", "results"}
+        results = len(program.outputs) * beats + len(program.measurements)
+        assert names["results"] >= results
+        assert (names["stream through 1/sqrt"] > 0) is bool(program.roots)
+        for operation, part in zip(plan.operations, found, strict=True):
+            assert (part.name == "stream through 1/sqrt") is (operation.root is not None)
+
+
+def test_what_waits_for_models_is_said():
+    seen = Counter()
+    code = microcode(model_core("ctrv", pes=4), Pipeline())
+    for routine in code.programs:
+        if routine.program is Program.MODEL_F:
+            found = explain(code, routine)
+            seen.update(step.link.waits_for for step in found.chain)
+            assert set(found.record()["bounds"]) == {
+                "longest chain", "issue slot", "write port", "scalar bus"
+            }  # fmt: skip
+    assert {Reason.SLOT, Reason.ROOT} <= set(seen)
 
 
 # The picture.
@@ -375,4 +420,10 @@ def test_picture_of_a_program(tmp_path):
     assert text.count('<path d="M') >= shapes
     assert text.count('<g id="axes_') == 2
     text = plot_schedule(tmp_path / "y.svg", code, Routine(Program.PREDICT), "t").read_text()
+    assert text.count('<g id="axes_') == 1
+
+
+def test_picture_of_a_model(tmp_path):
+    code = microcode(model_core("ctrv", pes=12), Pipeline())
+    text = plot_schedule(tmp_path / "x.svg", code, Routine(Program.MODEL_F), "t").read_text()
     assert text.count('<g id="axes_') == 1

@@ -7,9 +7,11 @@ from itertools import pairwise
 
 import pytest
 
+from support.model_cores import model_core
 from support.random_cores import random_configuration
 from ukf_sw.engine.layout import Layout
 from ukf_sw.problems.systems.nanosat import NANOSAT
+from ukf_sw.spec.model_programs import NO_MODELS
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_tools.estimate.latency import latency
 from ukf_tools.estimate.recommendation import RULE, candidates, choices, recommended
@@ -91,6 +93,21 @@ def test_cycles_are_those_of_the_core(seed, redraws):
         assert each.speedup_per_pe == found[0].cycles / each.cycles / each.pes
     cycles = {each.pes: each.cycles for each in found}
     assert [each.pes for each in found if each.recommended] == recommended(cycles)
+
+
+@pytest.mark.parametrize(
+    ("which", "redraws"), [(("f", "h"), False), (("f", "h"), True), (("h",), False)]
+)
+def test_cycles_count_the_models(which, redraws):
+    params = model_core("battery", which)
+    found = choices(params, Pipeline(), redraws=redraws)
+    bare = choices(replace(params, models=NO_MODELS), Pipeline(), redraws=redraws)
+    for each, other in list(zip(found, bare, strict=True))[::5]:
+        assert (
+            each.cycles
+            == latency(replace(params, pes=each.pes), Pipeline(), redraws=redraws)["total"]
+        )
+        assert each.cycles > other.cycles
 
 
 def test_progress_is_told():

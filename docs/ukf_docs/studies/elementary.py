@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from math import inf, isinf, isnan, log, nan, pi
+from pathlib import Path
 from typing import Any
 
 import gmpy2 as untyped_gmpy2
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ukf_docs import DOCS
 from ukf_docs.markdown import table
 from ukf_docs.studies.study import Study, Tell
+from ukf_sw.elementary import accuracy
 from ukf_sw.elementary.functions import FUNCTIONS, sequence
 from ukf_sw.elementary.sequence import SequenceBuilder
 from ukf_sw.elementary.trigonometric import angle_limit
@@ -421,4 +423,5 @@ STUDY = Study(
     document=DOCS / "numerics.md",
     measure=measure,
     tables={"elementary": _table},
+    folder=Path(accuracy.__file__).parent,  # commands show it
 )

@@ -21,24 +21,27 @@ class Study:
     Parameters
     ----------
     name
-        Of its note, ``docs/measured/NAME.json``, and of the target of make that measures.
+        Of its note, ``NAME.json``, and of the target of make that measures.
     document
         The document.
     measure
         Measures everything; gives a record for JSON.
     tables
         Functions that make a section of the document from the record, by name of the section.
+    folder
+        Where the note is; None is ``docs/measured``.
     """
 
     name: str
     document: Path
     measure: Callable[[Tell], Any]
     tables: Mapping[str, Callable[[Any], str]]
+    folder: Path | None = None
 
     @property
     def file(self) -> Path:
         """Where the record is noted."""
-        return DOCS / "measured" / f"{self.name}.json"
+        return (self.folder or DOCS / "measured") / f"{self.name}.json"
 
     def read(self) -> Any:
         """Read what was measured.

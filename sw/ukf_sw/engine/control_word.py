@@ -9,6 +9,8 @@ that steer the adders in between. In the program memory each half is packed by i
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +21,7 @@ from ukf_sw.spec.model_programs import CoreModels
 
 __all__ = [
     "READ", "STEERING", "WRITE", "BusSource", "ControlField", "ControlFormat", "Half",
-    "fields_of_models", "steering",
+    "fields_of_models", "form_of", "steering",
 ]  # fmt: skip
 
 
@@ -108,6 +110,25 @@ def steering(form: Form) -> dict[str, int]:
         *_CONDITIONS[form.condition],
     )
     return dict.fromkeys(names, 1)
+
+
+@cache
+def _forms() -> dict[frozenset[str], Form]:
+    """Give every form by the steering fields that it sets."""
+    every = product(Multiplier, Addend, Reading, Sign, (False, True), Condition)
+    forms = (
+        Form(
+            multiplier=multiplier, addend=addend, reading=reading, sign=sign, subtract=subtract,
+            condition=condition,
+        )
+        for multiplier, addend, reading, sign, subtract, condition in every
+    )  # fmt: skip
+    return {frozenset(steering(form)): form for form in forms}
+
+
+def form_of(names: Collection[str]) -> Form | None:
+    """Give the form that sets these steering fields and no others; None if there is none."""
+    return _forms().get(frozenset(names))
 
 
 #: Fields that are in the control word only of a core whose models need them.

@@ -2,17 +2,21 @@
 
 It knows what a word says and how long things take, and not what was scheduled. What a word reads
 begins an operation; the word of the clock on which its result is due says where that goes. Every
-bit that is set belongs to one operation, so words in which a bit is left over, or in which an
+bit that is set belongs to an operation, so words in which a bit is left over, or in which an
 operation has no result, are refused.
+
+What the lanes write in a program of a model says so: it is the row of a result, or unchecked. That
+tells its operations, of any form, from those of the filter.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ukf_sw.engine.control_word import READ, WRITE, BusSource
+from ukf_sw.engine.control_word import READ, STEERING, WRITE, BusSource, form_of
 from ukf_sw.engine.layout import BANK_FACTOR, BANK_NONE, BANK_STATE, Word
 from ukf_sw.engine.microcode import Microcode
 from ukf_sw.engine.operations import Beat, Kind, Operation, Route
+from ukf_sw.spec.forms import Form
 from ukf_sw.spec.sequence import Program, Routine
 
 __all__ = [
@@ -31,8 +35,9 @@ _ROUTING = (
     "bus_source", "scalar_write", "scalar_write_address", "lanes_observation", "bus_observation",
     "last",
 )  # fmt: skip
-#: All others say what the result is: of the lanes, or else the number on the scalar bus.
-_LANES_MARKS = ("innovation",)
+#: All others say what the result is: of the lanes, or else the number on the scalar bus. A row is
+#: that of the lanes if it is of a model; what is unchecked is all that has no such row.
+_LANES_MARKS = ("innovation", "of_model")
 MARKS = tuple(name for name in WRITE.fields if name not in _ROUTING)
 
 
@@ -53,15 +58,17 @@ class Instruction:
     scalar
         Register of the scalar file with operand s.
     subtract
-        Whether the product is subtracted.
+        Whether the product is subtracted; of a SLOT the form says it.
+    form
+        What a SLOT computes and writes.
     done
         Clock on which the result is written, or on the scalar bus.
     destination, lanes
         Word written, and its lanes as a bit mask.
     register
         Register of the scalar file that is written.
-    root, root_clock
-        Word that takes the reciprocal square root of the result, in all lanes, and when.
+    root, root_lanes, root_clock
+        Word that takes the reciprocal square root of the result, its lanes as a bit mask, and when.
     observation
         Observation that gates the result: zero is written if it is masked.
     marks
@@ -74,11 +81,13 @@ class Instruction:
     clocks: tuple[int, ...]
     scalar: int | None
     subtract: bool
+    form: Form | None
     done: int
     destination: Word | None
     lanes: int
     register: int | None
     root: Word | None
+    root_lanes: int
     root_clock: int | None
     observation: int | None
     marks: Mapping[str, int]
@@ -94,11 +103,15 @@ def fields_of(code: Microcode, word: int) -> dict[str, int]:
 def kind_of(word: Mapping[str, int]) -> Kind | None:
     """Tell the kind of the operation that a word reads for, or None if it reads nothing.
 
-    The word does not tell a SCALE from an AXPY: it is a SCALE if the result goes to the bus.
+    The word does not tell a SCALE from an AXPY: it is a SCALE if the result goes to the bus. Nor
+    does it tell a SLOT that steers as the filter does, or not at all, from what it would be there.
     """
     for kind in (Kind.DOT, Kind.AXPY, Kind.MULTIPLY):
         if all(word.get(name) == value for name, value in kind.steering.items()):
-            return kind
+            plain = kind is Kind.DOT or not word.keys() & set(STEERING[3:])
+            return kind if plain else Kind.SLOT
+    if word.keys() & {*STEERING, "address_1", "bank_factor_1"}:
+        return Kind.SLOT
     return Kind.LOAD if any(name in word for name in READ.fields) else None
 
 
@@ -115,6 +128,7 @@ class _Words:
     def __init__(self, code: Microcode, routine: Routine) -> None:
         self._code = code
         self._fields = [fields_of(code, word) for word in code.words_of(*routine)]
+        self._shared: set[tuple[int, str]] = set()
 
     def __len__(self) -> int:
         return len(self._fields)
@@ -126,6 +140,19 @@ class _Words:
     def take(self, clock: int, name: str) -> int:
         """Take a field: its value, 0 if it is zero or taken."""
         return self._fields[clock].pop(name, 0) if clock < len(self) else 0
+
+    def share(self, clock: int, name: str) -> int:
+        """Take a field that may belong to several operations: its value, 0 if it is zero."""
+        self._shared.add((clock, name))
+        return self.at(clock).get(name, 0)
+
+    def left(self, clock: int) -> dict[str, int]:
+        """Fields of a word that no operation has taken."""
+        return {
+            name: value
+            for name, value in self._fields[clock].items()
+            if (clock, name) not in self._shared
+        }
 
     def take_word(self, clock: int, address: str, bank: str) -> Word:
         """Take the address of a word, with the bank bits that complete it."""
@@ -159,7 +186,7 @@ def disassemble(
     ----------
     code
         Programs of a core.
-    program, sensor
+    program, sensor, variant
         Which one, and whose.
 
     Returns
@@ -183,18 +210,46 @@ def disassemble(
     if program is not Program.UPDATE_REDRAWN and not words.take(len(words) - 1, "last"):
         raise DisassemblyError("The last word must be marked as last")
     for clock in range(len(words)):
-        for name, value in words.at(clock).items():
+        for name, value in words.left(clock).items():
             raise DisassemblyError(
                 f"{name} of clock {clock} must belong to an operation, not be {value!r} for none"
             )
     return found
 
 
+def _is_of_model(code: Microcode, words: _Words, clock: int) -> bool:
+    """Whether the lanes write what began on a clock, and that is of a model."""
+    due = words.at(clock + code.timing.lanes)
+    return (
+        bool(due.get("write"))
+        and not due.get("write_bus")
+        and bool(due.get("of_model") or due.get("unchecked"))
+    )
+
+
+def _form(words: _Words, clock: int) -> Form:
+    """Take the form of a SLOT."""
+    names = [name for name in STEERING if words.take(clock, name)]
+    form = form_of(names)
+    if form is None:
+        raise DisassemblyError(f"steering of clock {clock} must be a form, not {names!r}")
+    return form
+
+
 def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Instruction:
     """Take the operation that begins on a clock."""
-    beats, clocks = [_beat(words, clock, kind)], [clock]
+    form = None
+    if _is_of_model(code, words, clock):
+        kind, form = Kind.SLOT, _form(words, clock)
+        beats = [_beat_of_slot(words, clock, form)]
+    elif kind is Kind.SLOT:
+        kind = Kind.LOAD  # what it reads beside that is left over
+        beats = [_beat(words, clock, kind)]
+    else:
+        beats = [_beat(words, clock, kind)]
+    clocks = [clock]
     subtract, scalar = bool(words.take(clock, "subtract")), None
-    if kind is Kind.AXPY:
+    if kind is Kind.AXPY or (form is not None and form.uses_scalar):
         scalar = words.take(clock, "scalar_address")
     if kind is Kind.DOT:
         if not words.take(clock, "first"):
@@ -209,8 +264,8 @@ def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Inst
     due = words.at(done)
     if kind is Kind.AXPY and not (due.get("write") and not due.get("write_bus")):
         kind = Kind.SCALE
-    destination, register, root, root_clock, lanes = None, None, None, None, 0
-    marks: dict[str, int] = {}
+    destination, register, root, root_clock, lanes, root_lanes = None, None, None, None, 0, 0
+    marks = _marks(code, words, done, kind)
     if kind.is_scalar:
         source = BusSource.LOAD if kind.route is Route.PORT else BusSource.RESULT
         if words.take(done, "bus_source") != source:
@@ -221,18 +276,14 @@ def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Inst
         at = done + code.pipeline.reciprocal_sqrt
         if words.at(at).get("bus_source") == BusSource.ROOT:
             words.take(at, "bus_source")
-            (root, in_lanes), root_clock = _write(words, at, from_bus=True), at
-            if in_lanes != (1 << code.params.pes) - 1:
-                raise DisassemblyError(f"The root of clock {at} must be written in all lanes")
+            (root, root_lanes), root_clock = _write(words, at, from_bus=True), at
+            if words.share(at, "unchecked") != marks.get("unchecked", 0):
+                raise DisassemblyError(f"The root of clock {at} must be checked as its number is")
     else:
         observation = words.take(done, "lanes_observation")
-    for name in MARKS:
-        value = words.take(done, name) if (name not in _LANES_MARKS) is kind.is_scalar else 0
-        if value:
-            marks[name] = value - (code.format.fields[name].width > 1)
     if due.get("write") and bool(due.get("write_bus")) is kind.is_scalar:
         destination, lanes = _write(words, done, from_bus=kind.is_scalar)
-    if destination is None and register is None:
+    if destination is None and register is None and (root is None or "unchecked" not in marks):
         raise DisassemblyError(f"The {kind.value} of clock {clock} must have a result")
 
     used = lanes
@@ -242,9 +293,35 @@ def _instruction(code: Microcode, words: _Words, clock: int, kind: Kind) -> Inst
         beats = [Beat(beat.word_0, beat.word_1, used) for beat in beats]
     return Instruction(
         kind=kind, beats=tuple(beats), clocks=tuple(clocks), scalar=scalar, subtract=subtract,
-        done=done, destination=destination, lanes=lanes, register=register, root=root,
-        root_clock=root_clock, observation=observation - 1 if observation else None, marks=marks,
+        form=form, done=done, destination=destination, lanes=lanes, register=register, root=root,
+        root_lanes=root_lanes, root_clock=root_clock,
+        observation=observation - 1 if observation else None, marks=marks,
     )  # fmt: skip
+
+
+def _marks(code: Microcode, words: _Words, clock: int, kind: Kind) -> dict[str, int]:
+    """Take the marks of the result of a clock: that of the lanes, or that on the scalar bus."""
+    of_model = bool(words.at(clock).get("of_model"))
+    marks: dict[str, int] = {}
+    for name in MARKS:
+        if name == "unchecked":
+            has_row = of_model and not kind.is_scalar
+            value = 0 if has_row else words.share(clock, name)
+        else:
+            of_lanes = of_model if name == "row" else name in _LANES_MARKS
+            value = words.take(clock, name) if of_lanes is not kind.is_scalar else 0
+        if value:
+            marks[name] = value - (code.format.fields[name].width > 1)
+    return marks
+
+
+def _beat_of_slot(words: _Words, clock: int, form: Form) -> Beat:
+    """Take the words that a form reads."""
+    return Beat(
+        words.take_word(clock, "address_0", "bank_{}_0") if form.uses_word_0 else None,
+        words.take_word(clock, "address_1", "bank_{}_1") if form.uses_word_1 else None,
+        0,
+    )
 
 
 def _beat(words: _Words, clock: int, kind: Kind) -> Beat:

@@ -26,7 +26,7 @@ from ukf_sw.engine.temporaries import allocate_temporaries, lent_words
 from ukf_sw.engine.timing import Timing
 from ukf_sw.spec.forms import Root
 from ukf_sw.spec.parameters import Pipeline, UkfParams
-from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine, of_sensor
+from ukf_sw.spec.sequence import OF_SENSORS, Program, Routine, of_sensor, of_variant
 
 __all__ = [
     "STEP_OVERHEAD",
@@ -324,9 +324,10 @@ class Microcode:
         return self._encoded[Routine(program, sensor, variant)]
 
     def name_of(self, routine: Routine) -> str:
-        """Name of a program for people, with its sensor if there are several."""
+        """Name of a program for people, with its sensor and variant if there are several."""
         sensors = len(self.params.sensor_rows) if routine.program in OF_SENSORS else 1
-        return of_sensor(routine.program.name, routine.sensor, sensors)
+        name = of_sensor(routine.program.name, routine.sensor, sensors)
+        return of_variant(name, self.params.models, routine)
 
     def clocks(self, program: Program, sensor: int = 0, variant: int = 0) -> int:
         """Clocks from the start of a step to its end, when it runs a program."""

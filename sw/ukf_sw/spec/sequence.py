@@ -18,7 +18,7 @@ from ukf_sw.spec.model_programs import CoreModels
 __all__ = [
     "ENDINGS", "FOLLOWING", "HIDDEN", "NO_BANK", "NO_FLAG", "OF_MODELS", "OF_SENSORS", "STEPS",
     "WAYS", "Bank", "Change", "Ending", "Flag", "Program", "Routine", "Step", "Way", "find_way",
-    "is_there", "of_sensor",
+    "is_there", "of_sensor", "of_variant",
 ]  # fmt: skip
 
 
@@ -82,6 +82,13 @@ class Routine(NamedTuple):
 def of_sensor(name: str, sensor: int, sensors: int) -> str:
     """Name of a program or step of a sensor, for people: with its number, if there are several."""
     return f"{name} of sensor {sensor}" if sensors > 1 else name
+
+
+def of_variant(name: str, models: CoreModels, routine: Routine) -> str:
+    """Name of a program or step with its observation model, for people, if there are several."""
+    if routine.program is not Program.MODEL_H or len(models.h[routine.sensor]) == 1:
+        return name
+    return f"{name}, variant {routine.variant}"
 
 
 class Flag(IntFlag):

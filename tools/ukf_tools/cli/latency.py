@@ -45,7 +45,8 @@ def latency(
     """Print the cycles of every step, from the schedule: what the core's counter will read.
 
     An iteration is a predict, with new sigma points if the problem draws them there, and an update
-    with every sensor. With --program, what --explain and --plot give is about that program alone.
+    with every sensor; with both models on the core its first two steps are one. With --program,
+    what --explain and --plot give is about that program alone.
     """
     if program is not None and not explain and plot is None:
         fail("--program must come with --explain or --plot, of which it is the program")
@@ -127,10 +128,18 @@ def _print_steps(core: Core, record: dict[str, Any]) -> None:
         if core.redraws
         else "Nothing is drawn between PREDICT and UPDATE."
     )
+    models = core.params.models
+    if models:
+        drawn += " F is the process model and PREDICT." if models.f is not None else ""
+        drawn += " H is the observation model and UPDATE." if models.h else ""
+        if models.f is not None and models.h:
+            drawn += " ITERATE is F and H"
+            drawn += "." if core.redraws else ", and the total has it in their place."
     results.print(
-        f"{drawn} An UPDATE leaves the next sigma points; a PREDICT after a PREDICT draws them "
-        "first, by SIG_GEN_PREDICTED. Below the total: each program from start to end; "
-        "UPDATE_REDRAWN is an UPDATE from points that were drawn just before.",
+        f"{drawn} Bus words of an iteration: {record['bus_words']}. An UPDATE leaves the next "
+        "sigma points; a PREDICT after a PREDICT draws them first, by SIG_GEN_PREDICTED. Below the "
+        "total: each program from start to end; UPDATE_REDRAWN is an UPDATE from points that were "
+        "drawn just before.",
         soft_wrap=True,
     )
 

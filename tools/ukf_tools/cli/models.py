@@ -1,7 +1,8 @@
 """Command line of the models of a problem: ``ukf models``."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,7 +11,12 @@ from ukf_sw.problems.placing import STEPS, example_of
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.cli.console import JsonOption, checked, needs, print_json
-from ukf_tools.cli.lists import read_entry
+from ukf_tools.cli.lists import numbers, read_entry
+
+# What takes long to import is imported by the command itself.
+if TYPE_CHECKING:
+    from ukf_sw.spec.float_format import FloatFormat
+    from ukf_sw.tracing.models import TracedProblem
 
 __all__ = ["models_app"]
 
@@ -50,6 +56,12 @@ def show(
             "--steps", min=1, help="Steps of the data to look at for inputs and arguments."
         ),
     ] = STEPS,
+    pes: Annotated[
+        str | None,
+        typer.Option(
+            "--pes", metavar="P[,P...]", help="Numbers of PEs to schedule the programs for."
+        ),
+    ] = None,
     with_listing: Annotated[
         bool, typer.Option("--listing", help="Print the operations as well, row by row.")
     ] = False,
@@ -57,12 +69,14 @@ def show(
 ) -> None:
     """Print the operations that f and each h consist of, once what is equal is computed once.
 
-    A model that cannot be a program of a core is refused, with the line that is the cause.
+    Then what each needs as a program of a core, and with --pes how many clocks it takes. A model
+    that cannot be a program of a core is refused, with the line that is the cause.
     """
     from ukf_sw.tracing.models import trace_problem
     from ukf_sw.tracing.report import listing_of, record_of
 
     with checked():
+        wanted = [] if pes is None else numbers("--pes", pes)
         find(problem, "--problem")
         found = example_of(problem, steps)
         chosen = found.format
@@ -70,6 +84,10 @@ def show(
             chosen = read_entry("--format", format, parameters_of(UkfParams)["format"])
         traced = trace_problem(found)
         records = [record_of(model, found, chosen) for model in traced.models]
+        programs = _programs(found, traced, chosen, wanted)
+    records = [
+        record | {"program": program} for record, program in zip(records, programs, strict=True)
+    ]
     listings = [listing_of(model, found) if with_listing else "" for model in traced.models]
     if as_json:
         for record, text in zip(records, listings, strict=True):
@@ -106,4 +124,69 @@ def _lines(record: Mapping[str, Any], format: str) -> list[str]:
         f"  operations once: {_said(record['operations']['once'])}",
         f"  functions: {', '.join(record['functions']) or 'none'}",
         f"  constants: {', '.join(constants) + note if constants else 'none'}",
+        *_program_lines(record["program"], format),
     ]
+
+
+#: What the fields of the control word ask of the lanes, for people.
+_FORMS = {
+    "minus_zero": "products with their sign of zero", "scalar_addend": "scalar as addend",
+    "one": "one as factor", "power": "powers of two", "exponent": "exponents",
+    "clear_sign": "magnitudes", "copy_sign": "signs copied", "turn_bit_0": "signs by bit 0",
+    "turn_bit_1": "signs by bit 1", "if_negative": "writes if negative",
+    "if_not_negative": "writes if not negative", "if_odd": "writes if odd",
+    "if_finite": "writes if finite",
+}  # fmt: skip
+
+
+def _programs(
+    problem: Any, traced: "TracedProblem", format: "FloatFormat", pes: Sequence[int]
+) -> list[dict[str, Any]]:
+    """Describe the programs of models, in their order, or why there are none in a format."""
+    from ukf_sw.errors import FormatOverflowError
+    from ukf_sw.lowering.program import lower
+    from ukf_tools.estimate.model_costs import clocks_of_models, cost_of
+
+    params = replace(problem.params, format=format)
+    try:
+        models = lower(traced, problem, format)
+    except FormatOverflowError:
+        raise
+    except ValueError as error:
+        # The format has no coefficients for a function.
+        return [{"refused": str(error)} for _ in traced.models]
+    clocks = clocks_of_models(replace(params, models=models), pes)
+    return [
+        cost_of(program, [operation.label for operation in model.graph.functions])
+        | {"clocks": {str(number): count for number, count in counts.items()}}
+        for model, program, counts in zip(traced.models, models, clocks.values(), strict=True)
+    ]
+
+
+def _program_lines(program: Mapping[str, Any], format: str) -> list[str]:
+    """Give what is known of the program of a model in lines."""
+    if "refused" in program:
+        return [f"  program: none, {program['refused']}"]
+    errors = [
+        f"{entry['name']} " + ("?" if entry["error_ulp"] is None else f"{entry['error_ulp']:.2f}")
+        for entry in program["functions"]
+    ]
+    forms = [_FORMS[name] for name in program["forms"]]
+    forms += ["signed 1/sqrt"] if program["signed_roots"] else []
+    needs = (
+        f"{program['slots']} issue slots a beat and {program['once']} once, words through 1/sqrt: "
+        f"{program['streams']}, temporaries: {program['temporaries']} at most"
+    )
+    scalars, words = len(program["scalars"]), len(program["words"])
+    lines = [
+        f"  program: {needs}",
+        f"  constants of it: {scalars} as scalars, {words} as words",
+        f"  largest errors of functions in {format}, in ulp: {', '.join(errors) or 'none'}",
+        f"  lanes need: {', '.join(forms) or 'nothing more'}",
+        "  powers and exponents: "
+        + ("built in" if program["powers"] or program["exponents"] else "not built in"),
+    ]
+    if program["clocks"]:
+        said = ", ".join(f"{count} with {pes} PEs" for pes, count in program["clocks"].items())
+        lines.append(f"  clocks: {said}")
+    return lines

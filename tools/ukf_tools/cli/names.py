@@ -47,4 +47,5 @@ def with_sensor(step: str, problem: str | None) -> str:
     name, _, number = step.partition(" of sensor ")
     if not number or problem is None:
         return step
-    return f"{name} {find(problem).problem.sensor_names[int(number)]}"
+    number, *variant = number.split(", ")
+    return ", ".join([f"{name} {find(problem).problem.sensor_names[int(number)]}", *variant])

@@ -8,13 +8,15 @@ An operation belongs to row j of the elimination if
 
 Of all others, what makes a scalar belongs to the same as the first reader of the scalar: so the
 inner products that couple rows to row j belong to row j. Else the vector that is written decides.
+In a program of a model the parts are what is loaded, what streams through 1/sqrt, and steps and
+results of the model.
 Rows have the numbers that ERROR reports: those of the observations, then those of the states.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from ukf_sw.engine.layout import Layout, Word
+from ukf_sw.engine.layout import TEMPORARY, Layout, Word
 from ukf_sw.engine.operations import Kind, Operation, Scalar
 
 __all__ = ["Part", "Run", "parts", "runs"]
@@ -54,6 +56,10 @@ class Run(NamedTuple):
 _NIS = Part("NIS")
 #: Of results that nobody reads: passing over the scalar bus is what checks them.
 _CHECKS = Part("checks")
+#: Of programs of models.
+_INPUTS, _STREAMS, _STEPS, _RESULTS = (
+    Part(name) for name in ("inputs", "stream through 1/sqrt", "model", "results")
+)
 #: Parts by the vectors that they write.
 _WRITERS = {
     **dict.fromkeys(("Ex", "Ez"), Part("residuals")),
@@ -97,6 +103,17 @@ def _rows(operations: Sequence[Operation]) -> list[int | None]:
     return rows
 
 
+def _of_model(operation: Operation) -> Part | None:
+    """Part of an operation of a model; None of what is of the filter, or makes a scalar."""
+    if operation.root is not None and operation.root[1] == TEMPORARY:
+        return _STREAMS
+    if operation.destination is None:
+        return None
+    if operation.destination[1] == TEMPORARY:
+        return _STEPS if operation.kind is Kind.SLOT else _INPUTS
+    return _RESULTS if operation.kind is Kind.SLOT else None
+
+
 def parts(operations: Sequence[Operation], layout: Layout) -> list[Part]:
     """Give the part that each operation of a program belongs to.
 
@@ -112,6 +129,8 @@ def parts(operations: Sequence[Operation], layout: Layout) -> list[Part]:
     for operation, row in reversed(list(zip(operations, _rows(operations), strict=True))):
         if row is not None:
             part = Part(f"row {row}", row)
+        elif (of_model := _of_model(operation)) is not None:
+            part = of_model
         elif operation.is_nis:
             part = _NIS
         elif operation.result in readers:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 from ukf_sw.engine.layout import Layout
@@ -133,10 +134,10 @@ def _cycles(params: UkfParams, pipeline: Pipeline, *, redraws: bool) -> int:
     """Cycles of an iteration. Only its programs are scheduled."""
     layout, timing = Layout(params), Timing(params.pes, pipeline)
     total = 0
-    for program, sensor, _ in iteration(params, redraws=redraws).values():
+    for routine in chain.from_iterable(iteration(params, redraws=redraws).values()):
         total += STEP_OVERHEAD
-        parts = [Routine(program, sensor)]
-        if program is Program.UPDATE_REDRAWN:
-            parts.append(Routine(Program.UPDATE, sensor))
+        parts = [routine]
+        if routine.program is Program.UPDATE_REDRAWN:
+            parts.append(Routine(Program.UPDATE, routine.sensor))
         total += sum(compile_program(layout, timing, part).plan.length for part in parts)
     return total

@@ -16,6 +16,8 @@ __all__ = ["plot_schedule"]
 _COLOURS = {
     "residuals": "#555555", "joint covariance": "#8c6d4f", "NIS": "#000000", "state": "#e58fc5",
     "factor": "#9d7fb8", "sigma points": "#a8a8a8", "covariance": "#555555", "checks": "#d0d0d0",
+    "inputs": "#d0d0d0", "stream through 1/sqrt": "#8c6d4f", "model": "#9d7fb8",
+    "results": "#e58fc5",
 }  # fmt: skip
 #: Most numbers that fit beside the bar of colours.
 _NUMBERS = 16

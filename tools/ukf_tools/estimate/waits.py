@@ -21,11 +21,12 @@ class Reason(Enum):
     """What an operation, or a clock without an issue, waits for."""
 
     DOT = "waits for DOT"  #: The sum of a dot product.
-    ROOT = "waits for 1/sqrt"  #: The reciprocal square root of a pivot.
+    ROOT = "waits for 1/sqrt"  #: The reciprocal square root of a pivot, or in a model.
     SCALE = "waits for SCALE"
     AXPY = "waits for AXPY"
     MULTIPLY = "waits for MULTIPLY"
     LOAD = "waits for LOAD"
+    SLOT = "waits for SLOT"
     OVERWRITE = "waits to overwrite"  #: The old contents are still to be read, or written.
     ISSUE = "issue slot taken"  #: Another operation issues then, or when a later beat would.
     ADDERS = "adders taken"  #: The tree of a dot product would meet lane operations.
