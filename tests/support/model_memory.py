@@ -109,6 +109,7 @@ class ModelMemory:
     def results(self, routine):
         """Numbers that a model gives: rows by point, and observations by row."""
         p, model = self.params, model_of(self.params, routine)
+        assert model is not None
         is_f = routine.program is Program.MODEL_F
         first = 0 if is_f else p.rows_of(routine.sensor).start
         values = {}

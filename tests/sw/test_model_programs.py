@@ -295,11 +295,7 @@ def compiled():
     """Programs of models with conditions, shared places and tight operations."""
     params, pipeline = at_random(4)
     code = microcode(params, pipeline)
-    found = [(params, pipeline, code.programs[each]) for each in routines_of_models(params)]
-    assert any(
-        op.keeps for *_, program in found for op in program.plan.operations
-    )  # conditional writes
-    return found
+    return [(params, pipeline, code.programs[each]) for each in routines_of_models(params)]
 
 
 def is_refused(params, pipeline, code, plan=None, places=None):

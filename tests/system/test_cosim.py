@@ -225,12 +225,12 @@ def test_random_cores_with_several_sensors(core_cache, seed, sensors):
 def small_core_of_models(seed):
     """A small core with models and its pipeline: every third of any steps, others of functions."""
     params, pipeline = random_core(seed, 1 + seed % 2)
-    narrow = replace(
-        params, format=(BINARY16, BFLOAT16, BINARY32, ODD_FORMAT)[seed % 4], pes=1
-    )  # fmt: skip
-    small = replace(narrow, pes=min(params.pes, 2, narrow.columns))
-    rng = random.Random(seed)
-    if seed % 3 == 2:
+    rng, of_any_steps = random.Random(seed), seed % 3 == 2
+    # Functions need coefficients of their format.
+    odd = ODD_FORMAT if of_any_steps else BINARY16
+    one_lane = replace(params, format=(BINARY16, BFLOAT16, BINARY32, odd)[seed % 4], pes=1)
+    small = replace(one_lane, pes=min(params.pes, 2, one_lane.columns))
+    if of_any_steps:
         return with_models(small, any_models(rng, small, steps=10, finite=0.95)), pipeline
     return with_models(small, sane_models(rng, small)), pipeline
 
