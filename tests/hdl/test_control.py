@@ -47,7 +47,9 @@ PARAMS = [
         UkfParams(n=2, m=32, format=BINARY16, form=Form.COVARIANCE), id="half",
         marks=pytest.mark.slow,
     ),
-    pytest.param(UkfParams(n=2, m=6, sensors=(2, 1, 3)), id="sensors"),
+    pytest.param(
+        UkfParams(n=2, m=6, sensors=(2, 1, 3)), id="sensors", marks=pytest.mark.slow
+    ),
     pytest.param(
         with_models(
             UkfParams(n=2, m=6, sensors=(2, 1, 3)),

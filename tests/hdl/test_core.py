@@ -108,7 +108,7 @@ def test_wrong_params_are_rejected(args, message):
                 n=2, m=3, r=3, sensors=(1, 2), pes=2, observation_noise=Noise.ADDITIVE,
                 format=BINARY16,
             ),
-            FAST, 400, id="sensors",
+            FAST, 400, id="sensors", marks=pytest.mark.slow,
         ),
         pytest.param(
             with_models(OF_TWO_SENSORS, sane_models(random.Random(1), OF_TWO_SENSORS)), FAST, 400,
