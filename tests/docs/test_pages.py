@@ -26,23 +26,23 @@ def check(page, cache, **options):
 
 
 def marks_of(page):
-    """Only some of the pages run the tools of the hardware."""
-    if page.stem not in WORKS:
-        return []
-    return [pytest.mark.system, *([] if page.stem == "own-model" else [pytest.mark.slow])]
+    """The page of sensors takes long, even without what takes long on all."""
+    return [pytest.mark.slow] if page.stem == "sensors" else []
 
 
 @pytest.mark.parametrize("page", [pytest.param(p, marks=marks_of(p)) for p in PAGES], ids=name_of)
 def test_pages_show_what_their_code_prints(page, core_cache):
-    """One core is compiled, that of docs/own-model.md."""
-    check(page, core_cache, slow=page.stem == "own-model")
+    """All but what compiles a core, or makes many."""
+    check(page, core_cache, slow=False)
 
 
 @pytest.mark.slow
 @pytest.mark.system
-def test_page_of_sensors_shows_what_slow_commands_print(core_cache):
-    page = DOCS / "sensors.md"
-    assert len(SLOW.findall(page.read_text(encoding="utf-8"))) == 4
+@pytest.mark.parametrize(("name", "commands"), [("sensors", 4), ("own-model", None)])
+def test_pages_show_what_slow_commands_print(name, commands, core_cache):
+    page = DOCS / f"{name}.md"
+    found = len(SLOW.findall(page.read_text(encoding="utf-8")))
+    assert found == commands if commands else found
     check(page, core_cache)
 
 

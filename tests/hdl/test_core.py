@@ -97,7 +97,7 @@ def test_wrong_params_are_rejected(args, message):
         pytest.param(SMALLEST, Pipeline(), 400, id="smallest", marks=pytest.mark.slow),
         pytest.param(
             UkfParams(n=2, m=1, q=1, r=1, pes=3, observation_noise=Noise.ADDITIVE), FAST, 400,
-            id="square root",
+            id="square root", marks=pytest.mark.slow,
         ),
         pytest.param(
             UkfParams(n=2, m=2, pes=2, form=Form.COVARIANCE, format=BINARY16), FAST, 600,

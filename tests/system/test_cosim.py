@@ -54,7 +54,7 @@ def check(found, params, steps, pipeline=None):
 @pytest.mark.parametrize(
     ("form", "P0", "interrupt"),
     [
-        (Form.SQUARE_ROOT, 1.0, True),
+        pytest.param(Form.SQUARE_ROOT, 1.0, True, marks=pytest.mark.slow),
         pytest.param(Form.COVARIANCE, 1e-4, False, marks=pytest.mark.slow),
     ],
 )

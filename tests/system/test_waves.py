@@ -113,7 +113,13 @@ class Found(NamedTuple):
     writes: list[tuple[int, int]]
 
 
-@pytest.fixture(scope="module", params=list(CORES), ids=lambda simulator: simulator.value)
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(Simulator.VERILATOR, marks=pytest.mark.slow, id="verilator"),
+        pytest.param(Simulator.ICARUS, id="icarus"),
+    ],
+)
 def found(request, core_cache, tmp_path_factory):
     pytest.importorskip("pywellen", reason="pywellen, which reads waveforms, is not installed")
     simulator, params = request.param, CORES[request.param]
