@@ -22,7 +22,7 @@ from ukf_sw.extras import importing
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.registers import DATA_WIDTH, ErrorCode
-from ukf_sw.spec.sequence import Program, Step
+from ukf_sw.spec.sequence import Program, Step, steps_of
 
 __all__ = ["Group", "Signal", "Signals", "signal_lists", "write_signal_lists"]
 
@@ -165,11 +165,13 @@ class Signals:
     def _control(self) -> Iterator[Group]:
         address = MemoryMap(self._code.params).address_width
         width = (len(self._code.params.sensor_rows) - 1).bit_length()
+        steps = steps_of(self._code.params.models)
+        programs = max(routine.program for routine in self._code.programs)
         sensor = [Signal("sensor", _CONTROL, "run__sensor", width)] if width else []
         yield Group("steps", (
             Signal("clock", _TOP, "aclk"),
-            Signal("step", _CONTROL, "state", (len(Step) - 1).bit_length(), "step"),
-            Signal("program", _CONTROL, "run__program", (len(Program) - 1).bit_length(), "program"),
+            Signal("step", _CONTROL, "state", max(steps).bit_length(), "step"),
+            Signal("program", _CONTROL, "run__program", programs.bit_length(), "program"),
             *sensor,
             Signal("start", _CONTROL, "run__start"),
             Signal("done", _CONTROL, "run__done"),

@@ -483,12 +483,13 @@ MUTANTS = [
     ),
     Mutant(
         "driver: x from before an update is given", "sw/ukf_sw/drivers/driver.py",
-        "x, self._x = self._x, None", "x = self._x",
+        "x, self._x = self._x, None\n            gated = self._correct(Step.UPDATE",
+        "x = self._x\n            gated = self._correct(Step.UPDATE",
         "tests/sw/test_driver.py tests/sw/test_filter.py",
     ),
     Mutant(
         "latency: redrawing is not counted", "tools/ukf_tools/estimate/latency.py",
-        "    if redraws:", "    if False:",
+        "(Routine(Program.SIG_GEN_PREDICTED),) if redraws else ()", "()",
         f"{DESIGN_SPACE} -k redrawing",
     ),
     Mutant(
@@ -527,7 +528,7 @@ MUTANTS = [
     Mutant(
         "numbers of PEs: an update from drawn points is not counted whole",
         "tools/ukf_tools/estimate/recommendation.py",
-        "if program is Program.UPDATE_REDRAWN:", "if False:",
+        "if routine.program is Program.UPDATE_REDRAWN:", "if False:",
         f"{RECOMMENDATION} -k core",
     ),
     Mutant(
@@ -595,12 +596,12 @@ MUTANTS = [
     ),
     Mutant(
         "sensors: the update of another one is started", "hdl/ukf_hdl/core/control.py",
-        "self.run.sensor.eq(Mux(way.step == Step.UPDATE, sensor, 0))", "self.run.sensor.eq(0)",
+        "*self._select(way.program, sensor, variant)", "*self._select(way.program, 0, variant)",
         f"{CONTROL} -k sensors",
     ),
     Mutant(
         "sensors: an update of one that is not there is started", "hdl/ukf_hdl/core/control.py",
-        "way.legal & is_there &", "way.legal &",
+        "way.legal & exists &", "way.legal &",
         f"{CONTROL} -k not_there",
     ),
     Mutant(
@@ -703,7 +704,7 @@ MUTANTS = [
     ),
     Mutant(
         "engine: scalars are always checked", "hdl/ukf_hdl/core/engine.py",
-        "scalar_write & ~word.unchecked", "scalar_write",
+        "scalar_write &= ~word.unchecked", "scalar_write &= 1",
         ENGINE_OF_MODELS,
     ),
     Mutant(
@@ -822,7 +823,7 @@ MUTANTS = [
     ),
     Mutant(
         "control: steps start out of sequence", "hdl/ukf_hdl/core/control.py",
-        "with m.If(flags & choice.needs if choice.needs else Const(1)):", "with m.If(Const(1)):",
+        "with m.If(self._has_flags(flags, choice.needs)):", "with m.If(Const(1)):",
         CONTROL,
     ),
     Mutant(
@@ -1102,7 +1103,7 @@ MUTANTS = [
     Mutant(
         "driver: a predict that broke off is taken for one that has happened",
         "sw/ukf_sw/drivers/driver.py",
-        "predicted = self._before is not None and step is not Step.PREDICT",
+        "predicted = self._before is not None and step not in (Step.PREDICT, Step.F)",
         "predicted = self._before is not None",
         "tests/sw/test_driver.py",
     ),
@@ -1125,8 +1126,8 @@ MUTANTS = [
     ),
     Mutant(
         "filter: a predict whose covariance fails stays", "sw/ukf_sw/filter.py",
-        "                    self._backend.undo_predict()\n                    raise",
-        "                    raise",
+        "                self._backend.undo_predict()\n                raise",
+        "                raise",
         "tests/sw/test_filter.py -k overflow",
     ),
     Mutant(
@@ -1228,7 +1229,7 @@ MUTANTS = [
     ),
     Mutant(
         "disassembler: bits are left over", "sw/ukf_sw/engine/disassembler.py",
-        "for name, value in words.at(clock).items():", "for name, value in ():",
+        "for name, value in words.left(clock).items():", "for name, value in ():",
         "tests/sw/test_disassembler.py",
     ),
     Mutant(

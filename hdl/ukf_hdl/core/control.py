@@ -27,7 +27,6 @@ from ukf_sw.spec.sequence import (
     ENDINGS,
     FOLLOWING,
     HIDDEN,
-    OF_MODELS,
     OF_SENSORS,
     STEPS,
     WAYS,
@@ -35,7 +34,7 @@ from ukf_sw.spec.sequence import (
     Flag,
     Program,
     Step,
-    is_there,
+    steps_of,
 )
 
 __all__ = ["Control"]
@@ -268,7 +267,7 @@ class Control(wiring.Component):
         flags = Signal(len(Flag))
         gated = Signal()
         ended = Signal(len(STEPS))
-        own = [step for step in STEPS if step not in OF_MODELS or self._has(step)]
+        own = steps_of(self._params.models)
         cycles = Signal(DATA_WIDTH)
         error_code = Signal(8)
         error_index = Signal(8)
@@ -451,13 +450,9 @@ class Control(wiring.Component):
             ]
         m.d.comb += self.irq.eq(monitor.src.i)
 
-    def _has(self, step):
-        """Whether the core has a step for any sensor."""
-        return is_there(step, self._params.models, len(self._params.sensor_rows), 0, 0)
-
     def _is_one(self, step, *choices):
         """Whether a step is one of some; those that the core has not never are."""
-        own = [choice for choice in choices if choice not in OF_MODELS or self._has(choice)]
+        own = [choice for choice in choices if choice in steps_of(self._params.models)]
         return Cat(step == choice for choice in own).any() if own else Const(0)
 
     def _elaborate_exists(self, m, of_variant, sensor, variant):
@@ -490,7 +485,7 @@ class Control(wiring.Component):
             m.d.sync += [chosen.eq(sensor), chosen_variant.eq(variant)]
         program = Signal.like(self.run.program)
         for (step, before), following in FOLLOWING.items():
-            if not self._has(step):
+            if step not in steps_of(self._params.models):
                 continue
             change = ENDINGS[before].success
             with m.If(succeeded & (state == step) & (self.run.program == before)):

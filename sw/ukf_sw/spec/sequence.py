@@ -16,9 +16,28 @@ from typing import NamedTuple
 from ukf_sw.spec.model_programs import CoreModels
 
 __all__ = [
-    "ENDINGS", "FOLLOWING", "HIDDEN", "NO_BANK", "NO_FLAG", "OF_MODELS", "OF_SENSORS", "STEPS",
-    "WAYS", "Bank", "Change", "Ending", "Flag", "Program", "Routine", "Step", "Way", "find_way",
-    "is_there", "of_sensor", "of_variant",
+    "ENDINGS",
+    "FOLLOWING",
+    "HIDDEN",
+    "NO_BANK",
+    "NO_FLAG",
+    "OF_MODELS",
+    "OF_SENSORS",
+    "STEPS",
+    "WAYS",
+    "Bank",
+    "Change",
+    "Ending",
+    "Flag",
+    "Program",
+    "Routine",
+    "Step",
+    "Way",
+    "find_way",
+    "is_there",
+    "of_sensor",
+    "of_variant",
+    "steps_of",
 ]  # fmt: skip
 
 
@@ -186,6 +205,11 @@ def is_there(step: Step, models: CoreModels, sensors: int, sensor: int, variant:
     if step in (Step.H, Step.ITERATE):
         return sensor < len(models.h) and variant < len(models.h[sensor])
     return step is not Step.UPDATE or sensor < sensors
+
+
+def steps_of(models: CoreModels) -> tuple[Step, ...]:
+    """Steps of a core, for any sensor."""
+    return tuple(step for step in STEPS if is_there(step, models, 1, 0, 0))
 
 
 def find_way(step: Step, flags: Flag) -> Way | None:
