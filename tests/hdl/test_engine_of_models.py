@@ -240,10 +240,4 @@ def test_errors_of_results_of_models(monkeypatch):
         assert await bench.run(Program.COVARIANCE) == (ErrorCode.NOT_FINITE, 0)
         assert await bench.get(TO) == before
 
-        await prepare({0: [one, one], 1: [nan, nan]})
-        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.NONE, 0)
-        await prepare({0: [one, nan], 1: [one, one]})
-        assert await bench.run(Program.COVARIANCE_PREDICTED) == (ErrorCode.MODEL_H, 0)
-        assert await bench.get(TO) == before
-
     simulate(monkeypatch, params, pipeline, programs, scenario)
