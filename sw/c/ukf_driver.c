@@ -24,6 +24,8 @@ _Static_assert((unsigned)UKF_NOT_FINITE == UKF_ERROR_CODE_NOT_FINITE, "code 2");
 _Static_assert((unsigned)UKF_SINGULAR_OBSERVATION == UKF_ERROR_CODE_SINGULAR_OBSERVATION, "code 3");
 _Static_assert((unsigned)UKF_NOT_POSITIVE_DEFINITE == UKF_ERROR_CODE_NOT_POSITIVE_DEFINITE,
                "code 4");
+_Static_assert((unsigned)UKF_MODEL_F == UKF_ERROR_CODE_MODEL_F, "code 5");
+_Static_assert((unsigned)UKF_MODEL_H == UKF_ERROR_CODE_MODEL_H, "code 6");
 
 const char *ukf_result_name(enum ukf_result result)
 {
@@ -33,6 +35,8 @@ const char *ukf_result_name(enum ukf_result result)
         [UKF_NOT_FINITE] = "not finite",
         [UKF_SINGULAR_OBSERVATION] = "singular observation",
         [UKF_NOT_POSITIVE_DEFINITE] = "not positive definite",
+        [UKF_MODEL_F] = "f gives NaN or infinity",
+        [UKF_MODEL_H] = "h gives NaN or infinity",
         [UKF_UNKNOWN_ERROR] = "unknown error",
         [UKF_TIMEOUT] = "time-out",
         [UKF_STEP_LOST] = "step lost",
@@ -68,7 +72,7 @@ enum ukf_result ukf_driver_check(const struct ukf_driver *driver)
 static bool is_refusal(enum ukf_result result)
 {
     return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
-           result == UKF_NOT_POSITIVE_DEFINITE;
+           result == UKF_NOT_POSITIVE_DEFINITE || result == UKF_MODEL_F || result == UKF_MODEL_H;
 }
 
 /** Note that what was done may have changed the core, unless it is certain that it has not. */

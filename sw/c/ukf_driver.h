@@ -94,6 +94,8 @@ enum ukf_result {
     UKF_NOT_FINITE = 2,            /**< NaN, infinity or overflow; the estimate stays. */
     UKF_SINGULAR_OBSERVATION = 3,  /**< S is singular at fault.index, a row of all of z; it stays. */
     UKF_NOT_POSITIVE_DEFINITE = 4, /**< P is not, at fault.index, a row of x; it stays. */
+    UKF_MODEL_F = 5,               /**< f on the core gives NaN or infinity, in row fault.index. */
+    UKF_MODEL_H = 6,               /**< h on the core gives NaN or infinity, in row fault.index. */
     UKF_UNKNOWN_ERROR = UKF_FIRST_OWN_RESULT, /**< fault.code is 64 or more, which no core has. */
     UKF_TIMEOUT,        /**< The step did not end in time; it may end later. */
     UKF_STEP_LOST,      /**< Something else reset the core while the step ran. */

@@ -39,6 +39,8 @@ class Result(IntEnum):
     NOT_FINITE = 2
     SINGULAR_OBSERVATION = 3
     NOT_POSITIVE_DEFINITE = 4
+    MODEL_F = 5
+    MODEL_H = 6
     UNKNOWN_ERROR = 64
     TIMEOUT = 65
     STEP_LOST = 66

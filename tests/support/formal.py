@@ -356,12 +356,13 @@ def prove(proof: Proof, folder: Path, *, fault: str | None = None) -> bool:
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(proof.bench(fault), name=name, emit_src=False)
     (folder / f"{name}.il").write_text(text, encoding="utf-8")
-    # A counterexample need not come with a proof that cannot be: look for it alone.
+    # A counterexample need not come with a proof that cannot be: look for it alone. Wires without
+    # bits are left out, for the solver does not know them when it writes one.
     mode = "bmc" if fault else "prove"
     (folder / f"{name}.sby").write_text(
         f"[options]\nmode {mode}\ndepth {proof.depth + (6 if fault else 0)}\n\n"
         f"[engines]\nsmtbmc z3\n\n"
-        f"[script]\nread_rtlil {name}.il\nprep -top {name}\n\n"
+        f"[script]\nread_rtlil {name}.il\ndelete */s:0\nprep -top {name}\n\n"
         f"[files]\n{name}.il\n",
         encoding="utf-8",
     )
