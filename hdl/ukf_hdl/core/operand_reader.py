@@ -69,7 +69,8 @@ class OperandReader(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         number = FloatLayout(self._fmt)
-        word_0, word_1 = number(self.word_0), number(self.word_1)
+        word_0 = number(self.word_0)
+        word_1 = number(self.word_1)
         m.d.comb += [
             self.b.eq(Cat(self._magnitude(m, word_1), self._sign(word_0, word_1))),
             self.keep.eq(self._keep(word_1)),
