@@ -8,7 +8,7 @@ from amaranth.sim import Simulator
 from ukf_hdl.core.sequencer import Sequencer
 from ukf_sw.engine.microcode import STEP_OVERHEAD, Microcode
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
-from ukf_sw.spec.sequence import Program
+from ukf_sw.spec.sequence import Program, Routine
 
 CONFIGURATIONS = [
     pytest.param(UkfParams(n=1, m=1), Pipeline(), id="smallest"),
@@ -24,9 +24,9 @@ CONFIGURATIONS = [
 ]  # fmt: skip
 
 
-def words_of(code, program, sensor=0):
+def words_of(code, routine):
     """Words that a step executes: UPDATE_REDRAWN runs on into UPDATE."""
-    words = code.words[code.entry[program, sensor] :]
+    words = code.words[code.entry[routine] :]
     last = code.format.fields["last"]
     length = next(k for k, word in enumerate(words) if word >> last.lsb & 1) + 1
     return words[:length]
@@ -42,18 +42,19 @@ def test_every_program_word_by_word(params, pipeline):
     runs = [*routines, *rng.choices(routines, k=6)]
 
     async def testbench(ctx):
-        for number, (program, sensor) in enumerate(runs):
-            expected = words_of(code, program, sensor)
+        for number, routine in enumerate(runs):
+            expected = words_of(code, routine)
             stop_at = rng.randrange(len(expected)) if number >= len(routines) else None
             ctx.set(dut.start, 1)
-            ctx.set(dut.program, program)
-            ctx.set(dut.sensor, sensor)
+            ctx.set(dut.program, routine.program)
+            ctx.set(dut.sensor, routine.sensor)
+            ctx.set(dut.variant, routine.variant)
             await ctx.tick()
             ctx.set(dut.start, 0)
             assert ctx.get(dut.busy)
             await ctx.tick()
             for clock, word in enumerate(expected):
-                assert ctx.get(dut.word.as_value()) == word, (program, sensor, clock)
+                assert ctx.get(dut.word.as_value()) == word, (routine, clock)
                 assert ctx.get(dut.busy)
                 assert not ctx.get(dut.done)
                 ctx.set(dut.stop, clock == stop_at)
@@ -64,7 +65,7 @@ def test_every_program_word_by_word(params, pipeline):
             assert ctx.get(dut.word.as_value()) == 0
             assert ctx.get(dut.done) == (stop_at is None)
             if stop_at is None:
-                assert len(expected) + STEP_OVERHEAD == code.clocks(program, sensor)
+                assert len(expected) + STEP_OVERHEAD == code.clocks(*routine)
                 await ctx.tick()
             assert not ctx.get(dut.busy)
             for _ in range(rng.choice([0, 1, 5])):
@@ -94,7 +95,7 @@ def test_a_long_group_repeats():
         await ctx.tick()
         ctx.set(dut.start, 0)
         await ctx.tick()
-        for clock, word in enumerate(words_of(code, Program.UPDATE)[:3000]):
+        for clock, word in enumerate(words_of(code, Routine(Program.UPDATE))[:3000]):
             assert ctx.get(dut.word.as_value()) == word, clock
             await ctx.tick()
 

@@ -280,7 +280,7 @@ def test_the_server_refuses_what_it_does_not_know(tmp_path):
             for request in ((0, 0, 0, 0), (0, 0xFFFF_FFF0, 0, 0), (7, 0, 0, 0)):
                 client.sendall(struct.pack("=4I", *request))
                 answers.append(struct.unpack("=2I", client.recv(8, socket.MSG_WAITALL)))
-        assert answers == [(1, 0x554B_0005), (0, 0), (0, 0)]
+        assert answers == [(1, 0x554B_0006), (0, 0), (0, 0)]
         assert server.words == 2
     assert not (tmp_path / "socket").exists()
 

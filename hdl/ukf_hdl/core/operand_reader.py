@@ -92,7 +92,8 @@ class OperandReader(wiring.Component):
         if moved := self._present("power", "exponent"):
             exponent = exponent & ~Cat(moved).any().replicate(len(exponent))
         for steer in self._present("exponent"):
-            special, nan = Signal(), Signal()
+            special = Signal()
+        nan = Signal()
             m.d.comb += [
                 nan.eq(steer & (~word_1.is_finite | (word_1.sign & ~word_1.is_zero))),
                 special.eq(nan | (steer & word_1.is_zero)),
@@ -134,7 +135,8 @@ class OperandReader(wiring.Component):
         """Exponent of the power of two that an integer stands for; zero if it is another number."""
         fmt = self._fmt
         E, F = fmt.exponent_bits, fmt.fraction_bits
-        all_ones, exact = Signal(), Signal()
+        all_ones = Signal()
+        exact = Signal()
         # Where all numbers are integers, bits below the top one of the fraction say how far it is
         # from the middle; those that are more than an exponent has repeat its top bit, inverted.
         top = word_1.fraction[-1]

@@ -183,7 +183,8 @@ class ProcessingElement(wiring.Component):
             words.append(read.data[: fmt.width])
 
         # Operands. A subtraction turns the sign of b, so that of the product.
-        read_b, keep = words[1] ^ (steering.subtract << (fmt.width - 1)), Const(0, 1)
+        read_b = words[1] ^ (steering.subtract << (fmt.width - 1))
+        keep = Const(0, 1)
         if self._has(*READINGS, *CONDITIONS):
             m.submodules.reader = reader = OperandReader(fmt, self._steering)
             m.d.comb += [
