@@ -93,7 +93,7 @@ class OperandReader(wiring.Component):
             exponent = exponent & ~Cat(moved).any().replicate(len(exponent))
         for steer in self._present("exponent"):
             special = Signal()
-        nan = Signal()
+            nan = Signal()
             m.d.comb += [
                 nan.eq(steer & (~word_1.is_finite | (word_1.sign & ~word_1.is_zero))),
                 special.eq(nan | (steer & word_1.is_zero)),
