@@ -12,6 +12,7 @@ from ukf_sw.arrays import as_covariance, as_numbers, as_vector, is_masked
 from ukf_sw.backends import Backend, CoreBackend, make_backend
 from ukf_sw.certainty import Certainty
 from ukf_sw.errors import REFUSALS, NotFiniteError
+from ukf_sw.extras import importing
 from ukf_sw.models import CheckedModel, wrap
 from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.results import ReadOnlyArray
@@ -649,7 +650,8 @@ def _placed(
     if not own and not choose_models(models):
         return None
     # What traces models is imported by those who need it.
-    from ukf_sw.lowering.placement import place_models
+    with importing("golden"):
+        from ukf_sw.lowering.placement import place_models
 
     placed = place_models(problem, models)
     digest = 0 if placed is None else placed.models.digest

@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 
+from ukf_sw.extras import importing
 from ukf_sw.problem import Problem
 from ukf_sw.problems.finding import find, is_own
 from ukf_sw.spec.float_format import FloatFormat
@@ -36,7 +37,8 @@ def example_of(name: str, steps: int = STEPS, folder: Path | None = None) -> Pro
 
 @cache
 def _models(name: str, which: str, fmt: FloatFormat, folder: Path | None) -> CoreModels:
-    from ukf_sw.lowering.placement import place_models
+    with importing("golden"):
+        from ukf_sw.lowering.placement import place_models
 
     placed = place_models(example_of(name, folder=folder), which, fmt)
     return CoreModels() if placed is None else placed.models
