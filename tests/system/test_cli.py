@@ -633,7 +633,7 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
         (("c-arm", "--n", 2, "--m", 1), "whose models are in C, not None"),
         (
             ("disassemble", "--problem", "nanosat", "--program", "draw"),
-            "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, not 'draw'",
+            "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, MODEL_F, MODEL_H, not 'draw'",
         ),
         (("run", "--problem", "nanosat", "--p0", -1), "--p0 must be more than 0"),
         (("run", "--n", 2, "--m", 1, "--p0", 0), "--p0 must be more than 0"),
