@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from ukf_sw.drivers.driver import Traffic
+from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.core import PARAMETERS, Core
@@ -272,7 +273,10 @@ def test_grid_takes_every_parameter():
             values = {int: [1, 2], float: [0.5, 0.25], bool: [False, True]}[entry.kind]
         if entry.kind is tuple:
             values = [(1, 2), (1, 1, 1)]
-        points = grid([Point.of(Core(params=UkfParams(n=3, m=3, q=3, r=3)))], **{label: values})
+        core = Core(params=UkfParams(n=3, m=3, q=3, r=3))
+        if label == "models":  # those of a problem
+            core = Core(params=CATALOGUE["pendulum"].params, problem="pendulum")
+        points = grid([Point.of(core)], **{label: values})
         assert [point.core.values()[label] for point in points] == values
         assert [point.cells()[label] for point in points] == [entry.cell(v) for v in values]
 

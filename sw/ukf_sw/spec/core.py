@@ -92,7 +92,9 @@ class Core:
         placement = _MODELS.check(values.get("models", _MODELS.default))
         if placement is not Placement.SOFTWARE:
             if problem is None:
-                raise ValueError(f"models must be in software without a problem, not {placement!r}")
+                raise ValueError(
+                    f"models must be in software without a problem, not {placement.value!r}"
+                )
             # What traces models is imported by those who need it.
             from ukf_sw.problems.placing import core_models
 
