@@ -32,7 +32,7 @@ COMMANDS = {
     "generate": (SMALL, ["hdl"]),
     "latency": (SMALL, []),
     "latency ": ([*SMALL, "--explain", "--plot", "update.svg"], []),
-    "models show": (["--problem", "pendulum"], []),
+    "models show": (["--problem", "pendulum"], ["golden"]),
     "new": (["strut"], []),
     "package": ([*SMALL, "--board", "pynq-z2", "--no-check"], ["hdl"]),
     "report": (["--sweep", __file__], ["sweep"]),

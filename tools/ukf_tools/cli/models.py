@@ -31,7 +31,7 @@ def models() -> None:
 
 
 @models_app.command("show")
-@needs()
+@needs("golden")
 def show(
     problem: Annotated[
         str,
