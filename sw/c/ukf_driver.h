@@ -39,8 +39,8 @@ struct ukf_core {
     uint32_t covariance_form; /**< 0: square-root form, 1: covariance form. */
     uint32_t additive_q;      /**< Process noise is additive. */
     uint32_t additive_r;      /**< Observation noise is additive. */
-    uint32_t model_f;         /**< The core evaluates the process model. */
-    uint32_t model_h;         /**< The core evaluates the observation models. */
+    uint32_t has_f;           /**< The core evaluates the process model. */
+    uint32_t has_h;           /**< The core evaluates the observation models. */
     uint32_t w0_low;          /**< Weight of sigma point 0, a binary64 number. */
     uint32_t w0_high;
     uint32_t sensors;         /**< Bit i: observation i is the first one of a sensor. */

@@ -286,7 +286,7 @@ def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path)
     assert found == bases | {
         "n": 7, "m": 6, "q": 7, "r": 6, "points": 22, "exponent_bits": 8, "fraction_bits": 23,
         "covariance_form": 0, "additive_q": 0, "additive_r": 0, "w0_low": 0, "w0_high": 0,
-        "sensors": 1, "model_f": 0, "model_h": 0, "models": 0, "inputs": 0,
+        "sensors": 1, "has_f": 0, "has_h": 0, "models": 0, "inputs": 0,
         "element_bytes": memory_map.element_bytes, "row_stride": memory_map.row_stride,
     }  # fmt: skip
 

@@ -314,8 +314,8 @@ def test_steps_of_models_that_a_core_has_not_are_illegal(missing):
     params = without(with_sane_models(SIZES[0]), *missing)
     core = GoldenCore(params)
     config = core.read(CONFIG.offset)[0]
-    assert CONFIG["MODEL_F"].get(config) == ("f" not in missing)
-    assert CONFIG["MODEL_H"].get(config) == ("h" not in missing)
+    assert CONFIG["HAS_F"].get(config) == ("f" not in missing)
+    assert CONFIG["HAS_H"].get(config) == ("h" not in missing)
     assert (core.read(MODELS.offset)[0] == 0) == (len(missing) == 2)
     needed = {Step.F: {"f"}, Step.H: {"h"}, Step.ITERATE: {"f", "h"}}
     for step, needs in needed.items():

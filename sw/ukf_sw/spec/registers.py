@@ -228,9 +228,9 @@ CONFIG = Register(
         Field(name="ADDITIVE_R", lsb=20, access=Access.RO,
               of=lambda p: int(p.observation_noise is Noise.ADDITIVE),
               doc="Observation noise is additive."),
-        Field(name="MODEL_F", lsb=21, access=Access.RO, of=lambda p: int(p.models.f is not None),
+        Field(name="HAS_F", lsb=21, access=Access.RO, of=lambda p: int(p.models.f is not None),
               doc="The core evaluates the process model: it has the step F."),
-        Field(name="MODEL_H", lsb=22, access=Access.RO, of=lambda p: int(bool(p.models.h)),
+        Field(name="HAS_H", lsb=22, access=Access.RO, of=lambda p: int(bool(p.models.h)),
               doc="The core evaluates the observation models: it has the step H, and with f the "
                   "step ITERATE."),
     ),
