@@ -7,7 +7,7 @@ are relative, so the viewers are started in the folder of the waveform.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from io import StringIO
@@ -22,7 +22,7 @@ from ukf_sw.extras import importing
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.registers import DATA_WIDTH, ErrorCode
-from ukf_sw.spec.sequence import Program, Step, steps_of
+from ukf_sw.spec.sequence import Step, steps_of
 
 __all__ = ["Group", "Signal", "Signals", "signal_lists", "write_signal_lists"]
 
@@ -117,7 +117,7 @@ class Group:
     closed: bool = False
 
 
-def _table(names: type[IntEnum]) -> dict[int, str]:
+def _table(names: Iterable[IntEnum]) -> dict[int, str]:
     return {each.value: each.name for each in names}
 
 
@@ -143,7 +143,9 @@ class Signals:
         self.format = code.params.format
         mnemonics, words = Mnemonics(code), sorted({0, *code.words})
         self.names: dict[str, Mapping[int, str]] = {
-            "step": _table(Step), "program": _table(Program), "error": _table(ErrorCode),
+            "step": _table([Step.IDLE, *steps_of(code.params.models)]),
+            "program": _table({routine.program for routine in code.programs}),
+            "error": _table(ErrorCode),
             "reads": {word: mnemonics.reads(word) for word in words},
             "writes": {word: mnemonics.writes(word) for word in words},
         }  # fmt: skip

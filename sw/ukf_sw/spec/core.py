@@ -1,12 +1,13 @@
 """A core as a whole, and the one way to describe it: for people, for files and as JSON."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 from ukf_sw.spec.fields import Meaning, Parameter, parameters_of
+from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.model_programs import CoreModels
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 
@@ -68,9 +69,24 @@ class Core:
 
     @classmethod
     def from_values(
-        cls, values: Mapping[str, Any], problem: str | None = None, *, redraw: bool | None = None
+        cls,
+        values: Mapping[str, Any],
+        problem: str | None = None,
+        *,
+        redraw: bool | None = None,
+        place: Callable[[str, str, FloatFormat], CoreModels] | None = None,
     ) -> "Core":
         """Make a core of parameters by label; those that are missing have their defaults.
+
+        Parameters
+        ----------
+        values
+            Parameters by label.
+        problem, redraw
+            As above.
+        place
+            What makes programs of the models of a problem:
+            :func:`ukf_sw.problems.placing.core_models`.
 
         Raises
         ------
@@ -91,15 +107,11 @@ class Core:
         )  # fmt: skip
         placement = _MODELS.check(values.get("models", _MODELS.default))
         if placement is not Placement.SOFTWARE:
-            if problem is None:
+            if problem is None or place is None:
                 raise ValueError(
                     f"models must be in software without a problem, not {placement.value!r}"
                 )
-            # What traces models is imported by those who need it.
-            from ukf_sw.problems.placing import core_models
-
-            fmt = UkfParams(**params).format
-            params["models"] = core_models(problem, placement.value, fmt)
+            params["models"] = place(problem, placement.value, UkfParams(**params).format)
         return cls(
             params=UkfParams(**params),
             pipeline=Pipeline(**pipeline),

@@ -11,6 +11,7 @@ import typer
 
 from ukf_sw.problems.finding import find
 from ukf_sw.problems.logs import LogFiles
+from ukf_sw.problems.placing import core_models
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.fields import parameters_of
@@ -192,7 +193,7 @@ def _core(problem: str | None, given: Mapping[str, Any]) -> Core:
     if problem is None:
         return Core.from_values(values)
     base = _core_of(problem)
-    return Core.from_values(base.values() | values, problem, redraw=base.redraw)
+    return Core.from_values(base.values() | values, problem, redraw=base.redraw, place=core_models)
 
 
 def _points(problems: str | None, given: Mapping[str, str]) -> list[Point]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
+from ukf_sw.problems.placing import core_models
 from ukf_sw.spec.core import PARAMETERS, Core
 
 __all__ = ["Point", "grid"]
@@ -45,7 +46,7 @@ class Point:
         ValueError
             If there is no such core, with more processing elements than columns for instance.
         """
-        return Core.from_values(self.values, self.problem, redraw=self.redraw)
+        return Core.from_values(self.values, self.problem, redraw=self.redraw, place=core_models)
 
     def cells(self) -> dict[str, Any]:
         """What tells this core from others, by name of the column."""
