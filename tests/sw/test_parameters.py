@@ -269,6 +269,8 @@ def test_every_parameter_tells_cores_apart():
         "form": Form.COVARIANCE, "format": BINARY16, "sensors": (1, 2),
     }  # fmt: skip
     for label, value in base.values().items():
+        if label == "models":  # they are of a problem: see test_finding and test_design_space
+            continue
         other = Core.from_values(base.values() | {label: others.get(label, value)})
         if label not in others:
             other = Core.from_values(base.values() | {label: value + 1})
