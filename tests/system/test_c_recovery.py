@@ -266,7 +266,9 @@ def outcome(ukf, bus, expected):
 # Accesses.
 
 
-@pytest.mark.parametrize("done", [False, True], ids=["refused", "done"])
+@pytest.mark.parametrize(
+    "done", [pytest.param(False, marks=pytest.mark.slow), True], ids=["refused", "done"]
+)
 @pytest.mark.parametrize("name", OPERATIONS)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_every_access_may_fail(library, allowed, case, name, done):
