@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from ukf_sw.engine.layout import Layout
+from ukf_sw.problems.catalogue import CATALOGUE
+from ukf_sw.problems.placing import core_models
 from ukf_sw.problems.systems.nanosat import NANOSAT
-from ukf_sw.spec.core import PARAMETERS, Core
+from ukf_sw.spec.core import PARAMETERS, Core, Placement
 from ukf_sw.spec.fields import Meaning, check_parameters, parameters_of
 from ukf_sw.spec.float_format import BINARY16, BINARY32, FORMATS, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -269,14 +271,27 @@ def test_every_parameter_tells_cores_apart():
         "form": Form.COVARIANCE, "format": BINARY16, "sensors": (1, 2),
     }  # fmt: skip
     for label, value in base.values().items():
-        if label == "models":  # they are of a problem: see test_finding and test_design_space
-            continue
+        if label == "models":
+            continue  # they are of a problem: the next test
         other = Core.from_values(base.values() | {label: others.get(label, value)})
         if label not in others:
             other = Core.from_values(base.values() | {label: value + 1})
         for describe in (Core.record, lambda core: core.description, lambda core: core.title,
                          lambda core: core.stem):  # fmt: skip
             assert describe(other) != describe(base), label
+
+
+def test_models_tell_cores_apart():
+    base = Core(params=CATALOGUE["pendulum"].params, problem="pendulum")
+    found = [
+        Core.from_values(base.values() | {"models": each}, "pendulum", place=core_models)
+        for each in Placement
+    ]
+    for describe in (Core.record, lambda core: core.description, lambda core: core.title,
+                     lambda core: core.stem):  # fmt: skip
+        assert len({repr(describe(core)) for core in found}) == len(Placement)
+    with pytest.raises(ValueError, match=r"in software without a problem, not 'core'$"):
+        Core.from_values(base.values() | {"models": Placement.CORE})
 
 
 def test_titles():
