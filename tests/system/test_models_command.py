@@ -1,7 +1,7 @@
 """Command ``ukf models``."""
 
+import itertools
 import json
-import sys
 
 import pytest
 
@@ -36,10 +36,13 @@ def mine(ukf, tmp_path, monkeypatch):
     """Function that shows a problem of the user with this body of f."""
     monkeypatch.syspath_prepend(tmp_path)
 
+    number = itertools.count()
+
     def show(body, *options, code=0):
-        sys.modules.pop("mine_to_show", None)
-        (tmp_path / "mine_to_show.py").write_text(MODEL.format(body=body))
-        return ukf("models", "show", "--problem", "mine_to_show:problem", *options, code=code)
+        # A name of its own: Python knows a module that has changed by its size and the second.
+        name = f"mine_to_show{next(number)}"
+        (tmp_path / f"{name}.py").write_text(MODEL.format(body=body))
+        return ukf("models", "show", "--problem", f"{name}:problem", *options, code=code)
 
     return show
 
@@ -93,7 +96,7 @@ def test_problems_of_the_user(mine):
 def test_refusals_are_messages(mine, tmp_path):
     message = mine("return x if x[0] > 0.0 else -x", code=2).stderr
     assert message.startswith("Error: process model f (f) must not branch on data, as in `")
-    assert f"({tmp_path / 'mine_to_show.py'}, line 6); use np.where(condition, a, b)" in message
+    assert f"({tmp_path / 'mine_to_show0.py'}, line 6); use np.where(condition, a, b)" in message
     message = mine("return x[:1]", code=2).stderr
     assert "process model f (f) must return the shape (2,), at a sigma point, not (1,)" in message
     message = mine("return x[7:] + missing", code=2).stderr
