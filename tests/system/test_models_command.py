@@ -31,16 +31,17 @@ problem = Problem(name="mine", states=("angle", "rate"), f=f, sensors=Sensor(h, 
 """
 
 
+NUMBER = itertools.count()
+
+
 @pytest.fixture
 def mine(ukf, tmp_path, monkeypatch):
     """Function that shows a problem of the user with this body of f."""
     monkeypatch.syspath_prepend(tmp_path)
 
-    number = itertools.count()
-
     def show(body, *options, code=0):
         # A name of its own: Python knows a module that has changed by its size and the second.
-        name = f"mine_to_show{next(number)}"
+        name = f"mine_to_show{next(NUMBER)}"
         (tmp_path / f"{name}.py").write_text(MODEL.format(body=body))
         return ukf("models", "show", "--problem", f"{name}:problem", *options, code=code)
 
@@ -96,7 +97,8 @@ def test_problems_of_the_user(mine):
 def test_refusals_are_messages(mine, tmp_path):
     message = mine("return x if x[0] > 0.0 else -x", code=2).stderr
     assert message.startswith("Error: process model f (f) must not branch on data, as in `")
-    assert f"({tmp_path / 'mine_to_show0.py'}, line 6); use np.where(condition, a, b)" in message
+    (written,) = tmp_path.glob("*.py")
+    assert f"({written}, line 6); use np.where(condition, a, b)" in message
     message = mine("return x[:1]", code=2).stderr
     assert "process model f (f) must return the shape (2,), at a sigma point, not (1,)" in message
     message = mine("return x[7:] + missing", code=2).stderr
