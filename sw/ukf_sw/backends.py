@@ -18,13 +18,14 @@ does so as ``cosim``, and ``cosim:NAME`` names the simulator. Such a function ta
 the text after the colon, and how the core is built.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.ahead import CoreSample
 from ukf_sw.extras import require
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
@@ -150,6 +151,15 @@ class CoreBackend(Backend, Protocol):
         self, z: Array, mask: Mask, sensor: int, variant: int, inputs: Mapping[int, float]
     ) -> tuple[float, bool]:
         """Do both in one step. If it raises, the prediction may have been made."""
+        ...
+
+    def iterate_ahead(
+        self, samples: Sequence[CoreSample], *, redraws: bool
+    ) -> tuple[Array, list[Array]]:
+        """Do samples at once as in single steps, as far as they succeed; none if it cannot.
+
+        Gives x after each of them (D, n), and the NIS of each update of theirs.
+        """
         ...
 
 

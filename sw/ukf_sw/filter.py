@@ -1,13 +1,14 @@
 """The filter that users see, whatever computes it: reference, golden model or a core on a bus."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ukf_sw.ahead import Observations, samples_for_core
 from ukf_sw.arrays import as_covariance, as_numbers, as_vector, is_masked
 from ukf_sw.backends import Backend, CoreBackend, make_backend
 from ukf_sw.certainty import Certainty
@@ -611,6 +612,54 @@ class UnscentedKalmanFilter:
             )
             self._last_update = nis, gated
         return not gated
+
+    def iterate_ahead(
+        self,
+        inputs: Sequence[Any],
+        observations: Sequence[Observations],
+        arguments: Sequence[Mapping[str, Any]],
+    ) -> tuple[Array, Array]:
+        """Do many samples at once, as far as the backend can: the golden model, of its models.
+
+        All is as if each had been done by :meth:`iterate`, and :meth:`update` for further sensors.
+        It ends before a sample in which something would raise or exceed the gate. With another
+        backend, or a model in software, that is the first one.
+
+        Parameters
+        ----------
+        inputs
+            Third argument of f, K of them.
+        observations
+            Of each sensor in their order, z and what of it was sampled, both of shape (K, rows).
+        arguments
+            Keyword arguments of h, K of them.
+
+        Returns
+        -------
+        x : array of shape (D, n)
+            The estimate after each sample that has been done.
+        nis : array of shape (D, sensors)
+            The NIS of each update; NaN of a sensor of which nothing was sampled.
+        """
+        placed = self._placed
+        none = np.empty((0, self._params.n)), np.empty((0, len(self._h)))
+        if placed is None or not (placed.f and placed.h):
+            return none
+        self._certainty.check()
+        names = self._problem.sensor_names
+        samples = samples_for_core(placed, names, inputs, observations, arguments)
+        with self._certainty:
+            backend = cast("CoreBackend", self._backend)
+            x, found = backend.iterate_ahead(samples, redraws=self._problem.redraws)
+            if not len(x):
+                return none
+            self._last_x, self._last_P, self._transformed = x[-1].copy(), None, None
+            nis = np.full((len(x), len(names)), np.nan)
+            for k, (sample, values) in enumerate(zip(samples, found, strict=False)):
+                nis[k, [update.sensor for update in sample.updates]] = values
+                if sample.updates:
+                    self._last_update = float(values[-1]), False
+        return x, nis
 
     def _given(
         self, z: ArrayLike | None, mask: ArrayLike | None, number: int

@@ -1,13 +1,27 @@
 """The bus as software sees it, and numbers as words on it."""
 
-from typing import NoReturn, Protocol
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.spec.float_format import BINARY32, FloatFormat
+from ukf_sw.spec.sequence import Step
 
-__all__ = ["Addresses", "BlockBus", "Bus", "OneCore", "WordCodec", "Words"]
+__all__ = [
+    "Addresses",
+    "BlockBus",
+    "Bus",
+    "OneCore",
+    "Replies",
+    "Script",
+    "ScriptBus",
+    "Start",
+    "WordCodec",
+    "Words",
+]
 
 Addresses = NDArray[np.int64]
 Words = NDArray[np.uint32]
@@ -40,6 +54,78 @@ class BlockBus(Bus, Protocol):
 
     def write_many(self, addresses: Addresses, words: Words) -> None:
         """Write words, shape (k,), at addresses, shape (k,)."""
+        ...
+
+
+class Start(NamedTuple):
+    """A write to CONTROL that starts a step.
+
+    Parameters
+    ----------
+    step, sensor, variant
+        What CONTROL is told.
+    mask
+        What MASK holds then.
+    writes
+        Words that have been written before it, since the script began.
+    """
+
+    step: Step
+    sensor: int
+    variant: int
+    mask: int
+    writes: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Script:
+    """K rounds of accesses, every start of a step being waited for.
+
+    Parameters
+    ----------
+    starts
+        Starts of steps, in order.
+    ends
+        How many of them there have been at the end of each round, K numbers.
+    addresses, words
+        What is written to the buffer, and where, in order.
+    reads
+        Addresses that are read at the end of each round, X of them.
+    """
+
+    starts: Sequence[Start]
+    ends: Sequence[int]
+    addresses: Addresses
+    words: Words
+    reads: Addresses
+
+
+class Replies(NamedTuple):
+    """What came of a script.
+
+    Parameters
+    ----------
+    rounds
+        How many have succeeded: no step was refused, failed, or exceeded the gate.
+    nis
+        Word of the NIS after each start of theirs, of updates.
+    reads
+        What was read, shape (rounds, X).
+    """
+
+    rounds: int
+    nis: NDArray[np.uint64]
+    reads: Words
+
+
+class ScriptBus(Bus, Protocol):
+    """A bus to a core that can do many rounds of accesses at once: a model, no hardware."""
+
+    def run_script(self, script: Script) -> Replies:
+        """Do what a script says, up to the first round that does not succeed.
+
+        Nothing of that round is done. One that could succeed may be left out, too.
+        """
         ...
 
 

@@ -2,15 +2,17 @@
 
 import copy
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.ahead import CoreSample
 from ukf_sw.certainty import Certainty
-from ukf_sw.drivers.bus import Addresses, Bus, WordCodec, Words
+from ukf_sw.drivers.bus import Addresses, Bus, Replies, WordCodec, Words
+from ukf_sw.drivers.scripts import Known, ScriptBuilder, mask_with
 from ukf_sw.errors import (
     REFUSALS,
     CoreTimeoutError,
@@ -396,6 +398,8 @@ class Driver:
 
     def _reset_core(self) -> None:
         self._initialised = self._drawn = self._propagated = False
+        #: Whether a script may have run of which nothing has been noted.
+        self._scripted = False
         self._mask: int | None = None
         self._write_register(CONTROL, ENABLE | RESET)
         self._write_register(INTERRUPT_PENDING, EVENTS)
@@ -486,6 +490,11 @@ class Driver:
     def _find_out(self) -> None:
         """Get the core into a state that is known."""
         step, status = self._step, self._come_to_rest()
+        if self._scripted:
+            # It ran to some round's end. Of a prediction it is not known what was before it.
+            if not status & POINTS:
+                raise EstimateLostError
+            self._before = self._predicted = None
         self._drawn = self._propagated = False
         predicted = self._before is not None and step not in (Step.PREDICT, Step.F)
         if predicted and status & INITIALISED:
@@ -814,11 +823,7 @@ class Driver:
 
     def _write_mask(self, mask: NDArray[np.bool_], sensor: int) -> None:
         """Write which rows of a sensor take part, if that has changed."""
-        sampled = int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
-        rows = self._params.rows_of(sensor)
-        own = (1 << rows.stop) - (1 << rows.start)
-        before = (1 << self._params.m) - 1 if self._mask is None else self._mask
-        bits = before & ~own | sampled << rows.start
+        bits = mask_with(self._params, self._mask, mask, sensor)
         if bits != self._mask:
             self._mask = None
             self._write_register(MASK, bits)
@@ -1018,6 +1023,60 @@ class Driver:
                 raise
             nis = self._read_nis()
         return nis, gated
+
+    def iterate_ahead(
+        self, samples: Sequence[CoreSample], *, redraws: bool
+    ) -> tuple[Array, list[Array]]:
+        """Iterate with models on the core, many times at once where the bus can: a model's can.
+
+        All has happened then as it would have in single steps, words that are counted included. It
+        ends before a sample in which a step would fail or exceed the gate, or that is not one for
+        it; with such a bus or driver this is the first one.
+
+        Parameters
+        ----------
+        samples
+            The samples.
+        redraws
+            Whether new sigma points are drawn after each prediction.
+
+        Returns
+        -------
+        x : array of shape (D, n)
+            The estimate after each sample that has been done.
+        nis : list of array
+            The NIS of each update of theirs.
+        """
+        run_script = getattr(self._bus, "run_script", None)
+        able = self._initialised and self._interrupt is None and not self.count_cycles
+        if run_script is None or not able or not samples:
+            return np.empty((0, self._params.n)), []
+        with self._certainty:
+            x = self._known_x()
+            known = Known(self._drawn, self._propagated, self._mask, self._inputs)
+            builder = ScriptBuilder(
+                self._params, known, inputs=self._U_write, observations=self._z_write
+            )
+            builder.add(samples, redraws=redraws)
+            self._scripted = True
+            replies: Replies = run_script(builder.script(self._x_addresses))
+            done = replies.rounds
+            xs = self._codec.from_words(replies.reads.reshape(-1)).reshape(done, self._params.n)
+            nis = self._params.format.decode(replies.nis)
+            if done:
+                known = builder.known[done - 1]
+                self._drawn, self._propagated, self._mask = known[:3]
+                self._inputs = dict(known.inputs)
+                self.starts += known.starts
+                self.words_written += known.words_written
+                self.control_reads += known.control_reads
+                self.control_writes += known.control_writes
+                self.words_read += done * len(self._x_addresses)
+                self._x, self._before, self._predicted = xs[-1].copy(), None, None
+                if not (samples[done - 1].updates or redraws):
+                    self._before = xs[-2].copy() if done > 1 else x
+            self._scripted = False
+        return xs, builder.nis_of_updates(nis)[:done]
 
     def _check_shape(self, points: Array, rows: int) -> None:
         """Check that there is a column for each sigma point with a weight."""

@@ -34,19 +34,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from ukf_sw.engine.kernel_cache import compiled
 from ukf_sw.engine.reciprocal_sqrt import ReciprocalSqrtParams
-from ukf_sw.spec.float_format import FloatFormat
+from ukf_sw.spec.float_format import BINARY32, FloatFormat
+from ukf_sw.spec.forms import exponent_step
 
 __all__ = [
     "ScalarParameters",
     "add",
     "add_scalar",
+    "decode_binary32",
     "decode_scalar",
     "encode_scalar",
+    "is_binary32",
     "multiply",
     "multiply_scalar",
     "reciprocal_sqrt",
     "reciprocal_sqrt_scalar",
     "reciprocal_sqrt_table",
+    "round_binary32",
     "scalar_parameters",
 ]
 
@@ -57,6 +61,11 @@ _WIDE = 2  # from an exact sum or product
 _BINARY64_FRACTION = 3  # by the processor
 
 
+_MIN_NORMAL_32 = BINARY32.min_normal
+#: A magnitude from here on rounds to the smallest normal number or more.
+_MIN_ROUNDED_32 = BINARY32.min_normal * (1.0 - BINARY32.epsilon / 4)
+
+
 class ScalarParameters(NamedTuple):
     """What the kernels need to know of a format; made by :func:`scalar_parameters`."""
 
@@ -64,6 +73,8 @@ class ScalarParameters(NamedTuple):
     exponent_bits: int
     fraction_bits: int
     bias: int
+    #: See :func:`ukf_sw.spec.forms.exponent_step`.
+    exponent_step: int
     min_normal: float
     #: A magnitude from here on rounds to the smallest normal number or more.
     min_rounded: float
@@ -111,6 +122,7 @@ def scalar_parameters(fmt: FloatFormat) -> ScalarParameters:
         exponent_bits=fmt.exponent_bits,
         fraction_bits=fmt.fraction_bits,
         bias=fmt.bias,
+        exponent_step=exponent_step(fmt),
         min_normal=fmt.min_normal,
         min_rounded=fmt.min_normal * (1.0 - fmt.epsilon / 4),
         overflow=fmt.max_finite + half_step,
@@ -339,6 +351,30 @@ def multiply_scalar(a: float, b: float, parameters: ScalarParameters) -> float:
     if exact and parameters.rounding == _BINARY64_FRACTION:
         return product
     return _multiply_exact(a, b, parameters)
+
+
+# The same for binary32 alone, with nothing to branch on: in a loop over numbers that lie together,
+# the processor computes several at a time.
+
+
+@njit
+def is_binary32(parameters: ScalarParameters) -> bool:
+    """Whether a format is binary32; compiled."""
+    return parameters.exponent_bits == 8 and parameters.fraction_bits == 23
+
+
+@njit
+def decode_binary32(word: int) -> float:
+    """Do what :func:`decode_scalar` does for binary32; compiled."""
+    value = np.float64(np.uint32(word).view(np.float32))
+    return np.copysign(0.0, value) if abs(value) < _MIN_NORMAL_32 else value
+
+
+@njit
+def round_binary32(value: float) -> float:
+    """Round a sum or a product of two numbers of binary32, made in float64; compiled."""
+    rounded = np.float64(np.float32(value))
+    return np.copysign(0.0, value) if abs(value) < _MIN_ROUNDED_32 else rounded
 
 
 @njit

@@ -4,7 +4,7 @@ It knows what a word does, not what the program meant. Its results arrive with t
 the hardware, so a wrong schedule gives wrong numbers here as well.
 """
 
-from math import copysign, frexp, ldexp
+from math import frexp
 from typing import NamedTuple
 
 import numpy as np
@@ -16,18 +16,18 @@ from ukf_sw.engine.arithmetic import (
     add_scalar,
     decode_scalar,
     encode_scalar,
-    multiply_scalar,
     reciprocal_sqrt_scalar,
     reciprocal_sqrt_table,
     scalar_parameters,
 )
-from ukf_sw.engine.control_word import READ, STEERING, WRITE, BusSource
+from ukf_sw.engine.control_word import READ, WRITE, BusSource
 from ukf_sw.engine.kernel_cache import compiled
+from ukf_sw.engine.lanes import FORM_BITS, combine, inner_product, signed_root, store
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.engine.pivots import noise_exponent
 from ukf_sw.engine.programs import RunResult
+from ukf_sw.engine.rounds import Rounds, RoundsDone
 from ukf_sw.engine.timing import LOAD_LATENCY
-from ukf_sw.spec.forms import exponent_step
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_sw.spec.registers import ErrorCode
 from ukf_sw.spec.sequence import Program, Routine
@@ -53,9 +53,6 @@ class _Array(NamedTuple):
     zero_pivot_is_legal: bool
     noise_exponent: int
     rhs_lane: int
-    fraction_bits: int
-    exponent_step: int
-    bias: int
 
 
 class _State(NamedTuple):
@@ -80,18 +77,9 @@ _MODEL_H = int(ErrorCode.MODEL_H)
 _RING = 256  # more than any latency
 
 #: A control word; the names are those of `ControlFormat`. Beside them: whether the lanes compute
-#: something that is written, and the steering of the forms of models as one number.
-_WORD = np.dtype([(name, np.int32) for name in (*READ.fields, *WRITE.fields, "computes", "form")])
-#: Steering beyond that of the filter, in the bits of `form`.
-_OF_MODELS = STEERING[3:]
-_BIT = {name: 1 << k for k, name in enumerate(_OF_MODELS)}
-_MINUS_ZERO, _SCALAR_ADDEND = _BIT["minus_zero"], _BIT["scalar_addend"]
-_ONE, _POWER, _EXPONENT = _BIT["one"], _BIT["power"], _BIT["exponent"]
-_CLEAR_SIGN, _COPY_SIGN = _BIT["clear_sign"], _BIT["copy_sign"]
-_TURN_BIT_0, _TURN_BIT_1 = _BIT["turn_bit_0"], _BIT["turn_bit_1"]
-_IF_NEGATIVE, _IF_NOT_NEGATIVE = _BIT["if_negative"], _BIT["if_not_negative"]
-_IF_ODD, _IF_FINITE = _BIT["if_odd"], _BIT["if_finite"]
-_CONDITIONS = _IF_NEGATIVE | _IF_NOT_NEGATIVE | _IF_ODD | _IF_FINITE
+#: something that is written, and the steering of the forms of models as one number. The fields are
+#: small, so that the words of a program, which are read again and again, fit into the caches.
+_WORD = np.dtype([(name, np.uint16) for name in (*READ.fields, *WRITE.fields, "computes", "form")])
 
 
 @njit
@@ -101,109 +89,11 @@ def _is_masked(observation: int, mask: int) -> bool:
 
 
 @njit
-def _sum_lanes(terms: NDArray[np.float64], count: int, parameters: ScalarParameters) -> float:
-    """Sum as the adder tree does: pairs, level by level, the last of an odd number waits."""
-    while count > 1:
-        half = count // 2
-        for i in range(half):
-            terms[i] = add_scalar(terms[2 * i], terms[2 * i + 1], parameters)
-        if count % 2:
-            terms[half] = terms[count - 1]
-        count = half + count % 2
-    return terms[0]
-
-
-@njit
 def _is_noise(pivot: float, coupling: float, noise_exponent: int) -> bool:
     """Whether a pivot is rounding noise beside the largest element that led to it."""
     if not (0.0 < pivot < np.inf and coupling > 0.0):
         return False
     return frexp(pivot)[1] - 1 < 2 * (frexp(coupling)[1] - 1) - noise_exponent
-
-
-@njit
-def _is_negative(number: float) -> bool:
-    """Whether the sign of a number is set, which that of NaN is not."""
-    return number < 0.0 or (number == 0.0 and copysign(1.0, number) < 0.0)
-
-
-@njit
-def _bit(number: float, bit: int, fraction_bits: int) -> bool:
-    """Whether a bit of the word of a number is set."""
-    if number != number:  # of NaN only the top bit of the fraction is
-        return bit == fraction_bits - 1
-    fraction, _ = frexp(abs(number))
-    if not 0.0 < fraction < 1.0:
-        return False
-    return bool(int(fraction * 2.0 ** (fraction_bits + 1)) >> bit & 1)
-
-
-@njit
-def _read(number_0: float, number_1: float, form: int, array: _Array) -> float:
-    """Operand b: word 1 as a form reads it, with the sign that the form gives it."""
-    middle = 1.5 * 2.0**array.fraction_bits
-    b = number_1
-    if form & _ONE:
-        b = 1.0
-    elif form & _POWER:
-        if number_1 < 2.0**array.fraction_bits:
-            b = 0.0
-        elif number_1 >= 2.0 ** (array.fraction_bits + 1):
-            b = np.inf
-        elif number_1 == number_1:
-            exponent = number_1 - middle + 1.0
-            if exponent < 1.0 - array.bias:
-                b = 0.0
-            elif exponent > array.bias:
-                b = np.inf
-            else:
-                b = ldexp(1.0, int(exponent))
-    elif form & _EXPONENT:
-        if number_1 == 0.0:
-            b = -np.inf
-        elif 0.0 < number_1 < np.inf:
-            exponent_0 = frexp(number_1)[1] - 2
-            b = middle + float(exponent_0 // array.exponent_step)
-        else:
-            b = np.nan
-    if form & _CLEAR_SIGN:
-        b = abs(b)
-    if form & _COPY_SIGN and _is_negative(number_0):
-        b = -b
-    if form & _TURN_BIT_0 and _bit(number_0, 0, array.fraction_bits):
-        b = -b
-    if form & _TURN_BIT_1 and _bit(number_0, 1, array.fraction_bits):
-        b = -b
-    return b
-
-
-@njit
-def _signed_root(
-    number: float, array: _Array, parameters: ScalarParameters, table: NDArray[np.int64]
-) -> float:
-    """1/sqrt of the magnitude with the sign of the number, as `Root.SIGNED` says."""
-    magnitude = abs(number)
-    if magnitude == 0.0:
-        root = np.inf
-    elif magnitude == np.inf:
-        root = 0.0
-    elif magnitude < 2.0 ** (array.bias - 1):
-        root = reciprocal_sqrt_scalar(magnitude, parameters, table)
-    else:
-        return np.nan
-    return -root if _is_negative(number) else root
-
-
-@njit
-def _skips(number_1: float, form: int, array: _Array) -> bool:
-    """Whether a lane keeps what the destination has, whatever the result is."""
-    if form & _IF_NEGATIVE:
-        return not _is_negative(number_1)
-    if form & _IF_NOT_NEGATIVE:
-        return _is_negative(number_1)
-    if form & _IF_ODD:
-        return not _bit(number_1, 0, array.fraction_bits)
-    return False
 
 
 @compiled
@@ -225,7 +115,6 @@ def _execute(
     pes = array.pes
     lanes_ring = np.zeros((_RING, pes))
     skip_ring = np.zeros((_RING, pes), dtype=np.bool_)
-    has_condition = np.zeros(_RING, dtype=np.bool_)
     adder_ring = np.zeros(_RING)
     adder_due = np.full(_RING, -1, dtype=np.int64)
     load_ring = np.zeros(_RING, dtype=np.int64)
@@ -253,18 +142,11 @@ def _execute(
         select = word["select"]
         use_scalar = word["use_scalar"]
         zero = word["zero"]
-        load_ring[(clock + array.load) % _RING] = memory[select % pes, address_0]
+        load_ring[(clock + array.load) % _RING] = memory[address_0, select % pes]
         if word["dot"]:
-            for lane in range(pes):
-                if lane_sets[select, lane]:
-                    terms[lane] = multiply_scalar(
-                        decode_scalar(memory[lane, address_0], parameters),
-                        decode_scalar(memory[lane, address_1], parameters),
-                        parameters,
-                    )
-                else:
-                    terms[lane] = 0.0
-            total = _sum_lanes(terms, pes, parameters)
+            total = inner_product(
+                memory, address_0, address_1, lane_sets, select, terms, parameters
+            )
             before = 0.0 if word["first"] else adder_ring[(clock + array.accumulate) % _RING]
             due = clock + array.dot
             adder_ring[due % _RING] = add_scalar(total, before, parameters)
@@ -274,24 +156,10 @@ def _execute(
             due = clock + array.lanes
             scalar = scalars[int(word["scalar_address"])]
             form = word["form"]
-            has_condition[due % _RING] = form & _CONDITIONS != 0
-            for lane in range(pes):
-                number_0 = decode_scalar(memory[lane, address_0], parameters)
-                number_1 = decode_scalar(memory[lane, address_1], parameters)
-                c = 0.0 if zero else number_0
-                if form:
-                    if form & _CONDITIONS:
-                        skip_ring[due % _RING, lane] = _skips(number_1, form, array)
-                    number_1 = _read(number_0, number_1, form, array)
-                    if form & _MINUS_ZERO:
-                        c = -0.0
-                    elif form & _SCALAR_ADDEND:
-                        c = scalar
-                product = multiply_scalar(scalar if use_scalar else number_0, number_1, parameters)
-                total = add_scalar(c, -product if word["subtract"] else product, parameters)
-                lanes_ring[due % _RING, lane] = total
-                if form & _IF_FINITE:
-                    skip_ring[due % _RING, lane] = not abs(total) < np.inf
+            combine(
+                memory, address_0, address_1, scalar, use_scalar != 0, zero != 0,
+                word["subtract"] != 0, form, lanes_ring, skip_ring, due % _RING, parameters,
+            )  # fmt: skip
             adder_ring[due % _RING] = lanes_ring[due % _RING, pes - 1]
             conflict |= adder_due[due % _RING] == due
             adder_due[due % _RING] = due
@@ -303,7 +171,7 @@ def _execute(
         elif bus_source == _BUS_ROOT:
             number = bus_ring[(clock - array.root) % _RING]
             if signed_ring[(clock - array.root) % _RING]:
-                bus = _signed_root(number, array, parameters, table)
+                bus = signed_root(number, parameters, table)
             else:
                 bus = reciprocal_sqrt_scalar(number, parameters, table)
         else:
@@ -312,7 +180,7 @@ def _execute(
         signed_ring[clock % _RING] = word["signed"] != 0
         bus_masked = _is_masked(word["bus_observation"], mask)
         lanes_masked = _is_masked(word["lanes_observation"], mask)
-        lanes = lane_sets[word["write_lanes"]]
+        lanes = word["write_lanes"]
         if error_code == 0:
             finite = True
             of_innovation = True
@@ -343,7 +211,7 @@ def _execute(
                 finite &= good
             if checks_lanes and word["write"] and not word["write_bus"] and not lanes_masked:
                 for lane in range(pes):
-                    if lanes[lane]:
+                    if lane_sets[lanes, lane]:
                         good = abs(lanes_ring[clock % _RING, lane]) < np.inf
                         of_innovation &= good or (word["innovation"] and lane == array.rhs_lane)
                         finite &= good
@@ -371,17 +239,15 @@ def _execute(
                     word["write_bank_factor"] and not factor_bank
                 ):
                     address |= array.bank_offset
-                conditional = has_condition[clock % _RING] and not word["write_bus"]
-                for lane in range(pes):
-                    if lanes[lane] and not (conditional and skip_ring[clock % _RING, lane]):
-                        if word["write_bus"]:
-                            memory[lane, address] = bus_word
-                        elif lanes_masked:
-                            memory[lane, address] = 0
-                        else:
-                            memory[lane, address] = encode_scalar(
-                                lanes_ring[clock % _RING, lane], parameters
-                            )
+                if word["write_bus"]:
+                    for lane in range(pes):
+                        if lane_sets[lanes, lane]:
+                            memory[address, lane] = bus_word
+                else:
+                    store(
+                        memory, address, lane_sets, lanes, lanes_ring, skip_ring, clock % _RING,
+                        lanes_masked, parameters,
+                    )  # fmt: skip
             if word["scalar_write"]:
                 scalars[word["scalar_write_address"]] = 0.0 if bus_masked else bus
             if word["nis"]:
@@ -392,6 +258,56 @@ def _execute(
             break
     # Plain values: to make an object of a class here would call Python, which an interrupt breaks.
     return error_code, error_index, nis, has_nis, clock, conflict, innovation_overflow
+
+
+@compiled
+def _execute_rounds(
+    words: NDArray[np.void],
+    array: _Array,
+    lane_sets: NDArray[np.bool_],
+    memory: NDArray[np.int64],
+    halves: NDArray[np.uint32],
+    scalars: NDArray[np.float64],
+    parameters: ScalarParameters,
+    table: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    gate: int,
+    magnitude: int,
+    ends: NDArray[np.int64],
+    places: NDArray[np.int64],
+    written: NDArray[np.uint32],
+    shown: NDArray[np.int64],
+    nis: NDArray[np.int64],
+    seen: NDArray[np.uint32],
+) -> int:
+    """Run rounds up to the first one that fails; of that one nothing is left. Gives how many.
+
+    A row of `runs` has entry, mask, banks, whether the NIS is compared, and the writes before it.
+    """
+    memory_before = np.empty_like(memory)
+    scalars_before = np.empty_like(scalars)
+    run = 0
+    write = 0
+    for k in range(len(ends)):
+        memory_before[:] = memory
+        scalars_before[:] = scalars
+        while run < ends[k]:
+            while write < runs[run, 5]:
+                halves[places[write]] = written[write]
+                write += 1
+            error_code, _, run_nis, _, _, conflict, _ = _execute(
+                words, runs[run, 0], -1, array, lane_sets, memory, scalars, runs[run, 1],
+                runs[run, 2], runs[run, 3], parameters, table,
+            )  # fmt: skip
+            nis[run] = run_nis
+            if error_code != 0 or conflict or (runs[run, 4] and (run_nis & magnitude) > gate):
+                memory[:] = memory_before
+                scalars[:] = scalars_before
+                return k
+            run += 1
+        for i in range(shown.shape[1]):
+            seen[k, i] = halves[shown[k, i]]
+    return len(ends)
 
 
 class Interpreter:
@@ -420,6 +336,8 @@ class Interpreter:
         self._words = np.empty(len(code.words), dtype=_WORD)
         self._words[:] = 0
         for name, column in fields.items():
+            if column.max(initial=0) > np.iinfo(np.uint16).max:
+                raise ValueError(f"{name} must fit into 16 bits, not {column.max()}")
             self._words[name] = column
         # The lanes compute on every clock; what counts is what is written when it is there.
         ends = np.zeros(len(code.words), dtype=np.bool_)
@@ -427,8 +345,8 @@ class Interpreter:
             timing.lanes :
         ]
         self._words["computes"] = self._words["use_scalar"] | self._words["zero"] | ends
-        for name in code.format.present(_OF_MODELS):
-            self._words["form"] |= self._words[name] * _BIT[name]
+        for name in code.format.present(FORM_BITS):
+            self._words["form"] |= self._words[name] * FORM_BITS[name]
         self._lane_sets = np.array(
             [[lanes >> lane & 1 for lane in range(params.pes)] for lanes in code.lane_sets],
             dtype=np.bool_,
@@ -445,13 +363,11 @@ class Interpreter:
             zero_pivot_is_legal=params.form is Form.SQUARE_ROOT,
             noise_exponent=noise_exponent(params),
             rhs_lane=self.layout.elimination_rhs % params.pes,
-            fraction_bits=params.format.fraction_bits,
-            exponent_step=exponent_step(params.format),
-            bias=params.format.bias,
         )
         self._parameters = scalar_parameters(params.format)
         self._table = reciprocal_sqrt_table(params.format)
-        self.memory = self.layout.initial_words()
+        # A word of all lanes lies together, because all are read at once.
+        self.memory = np.asfortranarray(self.layout.initial_words())
         self._scalars = np.zeros(code.scalars)
 
     def clocks(self, program: Program, sensor: int = 0, variant: int = 0) -> int:
@@ -494,7 +410,7 @@ class Interpreter:
         entry = self.microcode.entry[Routine(program, sensor, variant)]
         state = _State(*_execute(
             self._words, entry, -1 if stop_after is None else stop_after, self._array,
-            self._lane_sets, self.memory.view(np.int64), self._scalars,
+            self._lane_sets, self.memory.T.view(np.int64), self._scalars,
             mask & (1 << self.params.m) - 1, state_bank, factor_bank, self._parameters,
             self._table,
         ))  # fmt: skip
@@ -507,3 +423,38 @@ class Interpreter:
             clocks=self.microcode.clocks(program, sensor, variant),
             innovation_overflow=state.innovation_overflow,
         )
+
+    def run_rounds(self, rounds: Rounds) -> RoundsDone:
+        """Run rounds of programs up to the first one that does not succeed; that leaves nothing.
+
+        A round succeeds if no program of it ends with an error or, where that is compared, a NIS
+        above the gate.
+
+        Parameters
+        ----------
+        rounds
+            The rounds.
+        """
+        fmt = self.params.format
+        memory = self.memory.T.view(np.int64)
+        entries = [self.microcode.entry[routine] for routine in rounds.routines]
+        used = (1 << self.params.m) - 1
+        runs = np.array(
+            [
+                entries, [mask & used for mask in rounds.masks], rounds.state_banks,
+                rounds.factor_banks, rounds.compares, rounds.writes,
+            ],
+            dtype=np.int64,
+        ).T.copy()  # fmt: skip
+        # Of a word of 64 bits the one of the sign must not make it negative.
+        magnitude = (1 << (fmt.width - 1)) - 1
+        nis = np.zeros(len(runs), dtype=np.int64)
+        seen = np.zeros(rounds.shown.shape, dtype=np.uint32)
+        done = int(_execute_rounds(
+            self._words, self._array, self._lane_sets, memory, memory.reshape(-1).view(np.uint32),
+            self._scalars, self._parameters, self._table, runs, rounds.gate, magnitude,
+            np.array(rounds.ends, dtype=np.int64), rounds.places, rounds.words, rounds.shown, nis,
+            seen,
+        ))  # fmt: skip
+        count = rounds.ends[done - 1] if done else 0
+        return RoundsDone(done, nis.view(np.uint64)[:count], seen[:done])

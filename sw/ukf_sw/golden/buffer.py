@@ -28,12 +28,14 @@ class GoldenBuffer:
     layout
         Where the regions are in the memories.
     memory
-        The memories, array of uint64, shape (pes, depth), which this reads and writes.
+        The memories, array of uint64, shape (pes, depth), which this reads and writes. It may lie
+        row by row or column by column.
     """
 
     def __init__(self, layout: Layout, memory: NDArray[np.uint64]) -> None:
         # Bus words are half words of the memory; in every format the low one is the first.
-        self._halves = memory.reshape(-1).view(np.uint32)
+        self._halves = memory.ravel(order="K").view(np.uint32)
+        lanes_apart, words_apart = (stride // memory.itemsize for stride in memory.strides)
         params = layout.params
         memory_map = MemoryMap(params)
         width = params.format.width
@@ -52,11 +54,10 @@ class GoldenBuffer:
                 if kind is FirstColumn.STATE:
                     shown = (memory_map["x"], 0, row)
                 lane, address = layout.buffer_location(shown[0].symbol, *shown[1:])
-                turned = [
-                    2 * layout.bank_offset * bool(shown[0].bank & banks) for banks in range(_BANKS)
-                ]
+                turn = 2 * layout.bank_offset * words_apart
+                turned = [turn * bool(shown[0].bank & banks) for banks in range(_BANKS)]
                 for half in range(params.format.bus_words):
-                    place = 2 * (lane * layout.depth + address) + half
+                    place = 2 * (lane * lanes_apart + address * words_apart) + half
                     bits = (1 << width) - 1 >> 32 * half & _WORD_MASK
                     self._place[:, first + half] = np.add(place, turned)
                     self._forgets[first + half] = region.forgets
@@ -113,3 +114,18 @@ class GoldenBuffer:
         stored = self._bits[index] != 0
         self._halves[places[stored]] = (words & self._bits[index])[stored]
         return Flag(int(np.bitwise_or.reduce(self._forgets[index])))
+
+    def find_many(
+        self, addresses: Addresses
+    ) -> tuple[NDArray[np.int64], NDArray[np.uint32], NDArray[np.uint8]] | None:
+        """Half words at addresses, shape (banks, k), bits that are stored, and flags outdated.
+
+        None if an address is unmapped.
+        """
+        index = addresses >> 2
+        if (index < 0).any() or (index >= self._count).any():
+            return None
+        places = self._place[:, index]
+        if (places < 0).any():
+            return None
+        return places, self._bits[index], self._forgets[index]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, Replies, Script, Words
 from ukf_sw.errors import BusError
 from ukf_sw.golden.core import GoldenCore
 
@@ -69,6 +69,10 @@ class GoldenBus:
         written = self.core.write_many(addresses, words)
         if written < len(addresses):
             raise BusError(int(addresses[written]), "write")
+
+    def run_script(self, script: Script) -> Replies:
+        """Do what a script says, up to the first round that does not succeed."""
+        return self.core.run_script(script)
 
     def wait_for_interrupt(self, timeout: float) -> bool:
         """Tell whether the interrupt line is high; time does not pass in the model."""

@@ -4,18 +4,20 @@ Every word that the bus can read, and every word of the memories, equals the har
 """
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ukf_sw.drivers.bus import Addresses, Words
+from ukf_sw.drivers.bus import Addresses, Replies, Script, Start, Words
 from ukf_sw.engine.layout import Layout
 from ukf_sw.engine.programs import RunResult
+from ukf_sw.engine.rounds import Rounds, RoundsDone
 from ukf_sw.extras import importing
 from ukf_sw.golden.buffer import GoldenBuffer
+from ukf_sw.golden.scripts import Plan, plan_script
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Pipeline, UkfParams
 from ukf_sw.spec.registers import (
@@ -221,6 +223,16 @@ class GoldenCore:
         return int(Bank.FACTOR in self.banks)
 
     @property
+    def _magnitude(self) -> int:
+        """Bits of a word of a number but for its sign."""
+        return (1 << (self.params.format.width - 1)) - 1
+
+    @property
+    def _gate(self) -> int:
+        """The gate, as a word without its sign."""
+        return (self._words[GATE_LOW] | self._words[GATE_HIGH] << 32) & self._magnitude
+
+    @property
     def busy(self) -> bool:
         """Whether a step runs."""
         return self._step is not Step.IDLE
@@ -310,6 +322,55 @@ class GoldenCore:
             if not self.write(address, word):
                 return count
         return len(addresses)
+
+    def run_script(self, script: Script) -> Replies:
+        """Do what a script says, up to the first round that does not succeed.
+
+        Nothing of that round is done: what it comes to is for single accesses to find out.
+        """
+        run_rounds: Callable[[Rounds], RoundsDone] | None
+        run_rounds = getattr(self.engine, "run_rounds", None)
+        plan = None
+        if (
+            run_rounds is not None
+            and not (self.busy or self.hold)
+            and self._words[CONTROL] & _ENABLE
+        ):
+            plan = plan_script(
+                script, self.params, self._buffer, self.flags, self.banks, self._nis, self._gate
+            )
+        if run_rounds is None or plan is None:
+            return Replies(0, np.zeros(0, np.uint64), np.zeros((0, len(script.reads)), np.uint32))
+        memory, mask = self.engine.memory.copy(order="K"), self._words[MASK]
+        before = _what_changes(self)
+        try:
+            rounds, nis, seen = run_rounds(plan.rounds)
+            count = script.ends[rounds - 1] if rounds else 0
+            found = plan.nis_of_starts(nis)[:count]
+            if count:
+                self._end_script(script.starts[:count], plan, int(found[-1]))
+        except BaseException:
+            self.engine.memory[:] = memory
+            self._words[MASK] = mask
+            for name, value in zip(_CHANGING, before, strict=True):
+                setattr(self, name, value)
+            raise
+        return Replies(rounds, found, seen)
+
+    def _end_script(self, starts: Sequence[Start], plan: Plan, nis: int) -> None:
+        """Leave what steps leave that have all succeeded."""
+        last, path = starts[-1], plan.paths[len(starts) - 1]
+        self._program = None
+        self._error_code = self._error_index = 0
+        self._cycles = sum(self.engine.clocks(*routine) for routine in path.routines)
+        self._words[MASK] = last.mask
+        self._nis = nis
+        for start in starts:
+            self._done |= self._done_bit(start.step)
+            if start.step in _OF_SENSORS:
+                self._gated = False
+        self.flags, self.banks = path.flags, Bank(plan.banks[len(starts)])
+        self._signal("DONE")
 
     # Registers.
 
@@ -497,8 +558,7 @@ class GoldenCore:
         assert self._program is not None
         result = self._execute(None)
         self._cycles += result.clocks
-        magnitude = (1 << (self.params.format.width - 1)) - 1
-        gate = (self._words[GATE_LOW] | self._words[GATE_HIGH] << 32) & magnitude
+        magnitude, gate = self._magnitude, self._gate
         infinity = self.params.format.infinity
         # An innovation too large for the format is above every gate.
         rejected = failed = bool(result.error_code) and not (

@@ -2,18 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from math import isfinite
 from typing import Any
-
-import numpy as np
 
 from ukf_sw.lowering.program import InputPlace, lower, places_of_inputs
 from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.model_programs import CoreModels, choose_models
+from ukf_sw.tracing.graph import Input
 from ukf_sw.tracing.models import TracedModel, TracedProblem, trace_problem
 from ukf_sw.tracing.symbols import constants, shape_of
 
 __all__ = ["PlacedModels", "place_models"]
+
+#: Inputs with their places in region U.
+Needed = tuple[tuple[int, Input], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +62,7 @@ class PlacedModels:
                 f"predict must have no arguments beside u with f on the core, not {[*arguments]!r}"
             )
         model = self.traced.f
-        return self._numbers("f", model, {"u": u}, model.call.positional)
+        return self._numbers(model, self._needed[None], {"u": u}, model.call.positional)
 
     def inputs_of_h(
         self, sensor: str, arguments: Mapping[str, Any]
@@ -80,7 +84,8 @@ class PlacedModels:
         chosen = constants(arguments)
         for variant, model in enumerate(variants):
             if dict(model.constants) == chosen:
-                return variant, self._numbers("h", model, arguments, model.call.keywords)
+                needed = self._needed[sensor, variant]
+                return variant, self._numbers(model, needed, arguments, model.call.keywords)
         known = ", ".join(repr(dict(model.constants)) for model in variants)
         raise ValueError(
             f"constants of {of_sensor('h', sensor)} must be those of a program on the core, "
@@ -88,23 +93,42 @@ class PlacedModels:
         )
 
     def _numbers(
-        self, kind: str, model: TracedModel, given: Mapping[str, Any], example: Mapping[str, Any]
+        self,
+        model: TracedModel,
+        needed: Needed,
+        given: Mapping[str, Any],
+        example: Mapping[str, Any],
     ) -> dict[int, float]:
-        found: dict[int, float] = {}
         for name, value in given.items():
             if shape_of(value) != shape_of(example[name]):
                 raise ValueError(
                     f"{name} must have the shape with which {model.name} was traced, "
                     f"{shape_of(example[name])!r}, not {shape_of(value)!r}"
                 )
-        used = set(model.graph.inputs)
-        for place, (of, source) in enumerate(self.places):
-            if of != kind or source not in used:
-                continue
-            number = float(np.asarray(source.of(given), dtype=np.float64))
-            if not np.isfinite(number):
+        found: dict[int, float] = {}
+        for place, source in needed:
+            number = float(source.of(given))
+            if not isfinite(number):
                 raise ValueError(f"{source.label} must be finite, not {number!r}")
             found[place] = number
+        return found
+
+    @cached_property
+    def _needed(self) -> dict[tuple[str, int] | None, Needed]:
+        """What a model takes from region U: None is f, sensor and variant are of an h."""
+
+        def needed(kind: str, model: TracedModel) -> Needed:
+            used = set(model.graph.inputs)
+            return tuple(
+                (place, source)
+                for place, (of, source) in enumerate(self.places)
+                if of == kind and source in used
+            )
+
+        found: dict[tuple[str, int] | None, Needed] = {None: needed("f", self.traced.f)}
+        for sensor, variants in self.traced.h.items():
+            for variant, model in enumerate(variants):
+                found[sensor, variant] = needed("h", model)
         return found
 
 

@@ -173,6 +173,28 @@ def _placed(k: int, time: float) -> Generator[None]:
         raise
 
 
+def _iterate(
+    ukf: UnscentedKalmanFilter,
+    u: Any,
+    observations: list[tuple[str, Array, NDArray[np.bool_]]],
+    arguments: Mapping[str, Any],
+) -> tuple[Array, bool]:
+    """Do one step; gives the NIS of each sensor, and whether an update was rejected."""
+    nis, gated = np.full(len(observations), np.nan), False
+    given = [number for number, (_, _, sampled) in enumerate(observations) if sampled.any()]
+    if not given:
+        ukf.predict(u)
+    for number in given:
+        name, z, sampled = observations[number]
+        if number == given[0]:
+            ukf.iterate(u, z, sampled, sensor=name, **arguments)
+        else:
+            ukf.update(z, sampled, sensor=name, **arguments)
+        nis[number] = ukf.nis
+        gated |= ukf.gated
+    return nis, gated
+
+
 def run(
     problem: Problem,
     backend: Backend | str = "reference",
@@ -232,6 +254,10 @@ def run(
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
     computer = make_backend(backend, problem.params) if isinstance(backend, str) else backend
     sensors = [(name, *problem.samples(name)) for name in problem.sensor_names]
+    inputs: Any = [None] * total if data.inputs is None else data.inputs
+    arguments: Any = data.observation_arguments
+    if arguments is None:
+        arguments = [dict[str, Any]()] * total
     x = np.empty((total, problem.params.n))
     nis = np.full((total, len(sensors)), np.nan)
     gated = np.zeros(total, dtype=np.bool_)
@@ -241,23 +267,30 @@ def run(
         ukf = UnscentedKalmanFilter(problem, computer)
         if after_step is not None:
             after_step(0, ukf)
-        for k in range(total):
-            with _placed(k, float(data.times[k])):
-                u = None if data.inputs is None else data.inputs[k]
-                extra = data.observation_arguments
-                arguments: Mapping[str, Any] = {} if extra is None else extra[k]
-                given = [entry for entry in enumerate(sensors) if entry[1][2][k].any()]
-                if not given:
-                    ukf.predict(u)
-                for number, (name, z, sampled) in given:
-                    if number == given[0][0]:
-                        ukf.iterate(u, z[k], sampled[k], sensor=name, **arguments)
-                    else:
-                        ukf.update(z[k], sampled[k], sensor=name, **arguments)
-                    nis[k, number] = ukf.nis
-                    gated[k] |= ukf.gated
-            last_x = x[k] = ukf.x
-            done = k + 1
+        # How many steps to do at once; they are done one by one if each is to be seen.
+        count = 0 if after_step is not None else total
+        while done < total:
+            # Not across a step at which progress is told.
+            end = min(done + count, done + every - done % every, total)
+            if count:
+                those = slice(done, end)
+                found = ukf.iterate_ahead(
+                    inputs[those],
+                    [(z[those], sampled[those]) for _, z, sampled in sensors],
+                    arguments[those],
+                )
+                those = slice(done, done + len(found[0]))
+                x[those], nis[those] = found
+                done = those.stop
+                # What has ended it may come again soon.
+                count = 2 * len(found[0]) + 1
+            if done < end or not count:
+                given = [(name, z[done], sampled[done]) for name, z, sampled in sensors]
+                with _placed(done, float(data.times[done])):
+                    nis[done], gated[done] = _iterate(ukf, inputs[done], given, arguments[done])
+                x[done] = ukf.x
+                done += 1
+            last_x = x[done - 1]
             if after_step is not None:
                 after_step(done, ukf)
             if progress is not None and (done % every == 0 or done == total):
