@@ -39,10 +39,6 @@ def row(point, *, cycles, lut, ratio=1.0, stopped=None):
             "total": cycles,
             "programs": {"SIG_GEN": 50, "SIG_GEN_PREDICTED": 60, "INIT": 70, "COVARIANCE": 80},
         },
-        "traffic": {
-            "words_read": 70, "words_written": 292, "starts": 3, "control_reads": 7,
-            "control_writes": 0,
-        },
         "resources": {
             "cells": {"LUT6": lut, "FDRE": lut // 2, "RAMB36E1": 5,
                       "DSP48E1": 2 + 2 * point.cells()["pes"]},

@@ -7,20 +7,19 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 from enum import Enum
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ukf_sw.drivers.driver import Traffic
+from support.traffic import count_words
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
-from ukf_sw.spec.core import PARAMETERS, Core
+from ukf_sw.spec.core import PARAMETERS, Core, Placement
 from ukf_sw.spec.float_format import BINARY16, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_tools.design_space import parts as parts_module
@@ -39,13 +38,11 @@ from ukf_tools.design_space.parts import (
     Reference,
     SchedulePart,
     Synthesis,
-    TrafficPart,
 )
 from ukf_tools.design_space.points import Point, grid
 from ukf_tools.design_space.rows import COLUMNS, Conditions, figures
 from ukf_tools.design_space.sweep import Questions, find, sweep
 from ukf_tools.design_space.table import TableError, read, write
-from ukf_tools.design_space.traffic import count_words
 from ukf_tools.estimate import series7
 from ukf_tools.estimate.latency import latency
 
@@ -315,10 +312,10 @@ def test_words_are_those_that_the_models_need(params):
     n, m, points = params.n, params.m, len(params.points)
     assert points == params.N - (params.W0 == 0.0)
     words = params.format.bus_words
-    assert found["words_read"] == words * (n * (n + 2 - params.points.start) + n)
-    assert found["words_written"] == words * ((n + m) * points + m)
-    assert found["control_reads"] > 0
-    assert (found["starts"], found["control_writes"]) == (3, 0)
+    assert found.words_read == words * (n * (n + 2 - params.points.start) + n)
+    assert found.words_written == words * ((n + m) * points + m)
+    assert found.control_reads > 0
+    assert (found.starts, found.control_writes) == (3, 0)
 
 
 def test_redrawing_is_counted():
@@ -327,7 +324,7 @@ def test_redrawing_is_counted():
         n=6, m=3, q=6, r=3, pes=4, process_noise=Noise.ADDITIVE, observation_noise=Noise.ADDITIVE
     )
     (once, drawn), (short, long) = (
-        [Traffic(**count_words(params, redraws=redraws)) for redraws in (False, True)],
+        [count_words(params, redraws=redraws) for redraws in (False, True)],
         [latency(params, Pipeline(), redraws=redraws) for redraws in (False, True)],
     )
     n, m = params.n, params.m
@@ -344,8 +341,7 @@ def test_redrawing_is_counted():
         "UPDATE": programs["UPDATE_REDRAWN"],
     }  # fmt: skip
     point = Point.of(Core(params=params))
-    found = {"schedule": long, "traffic": asdict(drawn)}
-    row = figures(point, found, {}, Conditions())
+    row = figures(point, {"schedule": long}, {}, Conditions())
     assert row["redraws"]
     assert (row["cycles"], row["bus_words"]) == (long["total"], drawn.words)
     assert row["predict_cycles"] + row["update_cycles"] == long["total"]
@@ -359,11 +355,6 @@ def test_parts_know_what_they_depend_on():
     assert schedule.key != replace(schedule, params=replace(SMALL, pes=2)).key
     assert schedule.key != replace(schedule, params=replace(SMALL, format=BINARY16)).key
     assert schedule.key != replace(schedule, redraws=True).key
-    traffic = partial(TrafficPart.of, redraws=False)
-    assert traffic(SMALL) == traffic(replace(SMALL, pes=2, form=Form.COVARIANCE))
-    assert traffic(SMALL) == traffic(replace(SMALL, format=BINARY16))
-    assert traffic(SMALL).key != traffic(replace(SMALL, format=BINARY64)).key
-    assert traffic(SMALL).key != TrafficPart.of(SMALL, redraws=True).key
     recipe = Recipe.of("nanosat")
     accuracy = Accuracy(recipe=recipe, steps=10)
     assert accuracy.key != replace(accuracy, recipe=Recipe.of("nanosat", pes=2)).key
@@ -442,7 +433,7 @@ def test_rows_have_the_figures(cache, yosys):
     conditions = Conditions(clock_mhz=50.0, word_clocks=10.0)
     outcome = sweep(points, Questions(conditions=conditions), cache, Here())
     assert outcome.failed == 0
-    words = Traffic(**count_words(SMALL, redraws=False)).words
+    words = count_words(SMALL, redraws=False).words
     for pes, row in zip((1, 3), outcome.rows, strict=True):
         assert list(row) == list(COLUMNS)
         programs = latency(replace(SMALL, pes=pes), Pipeline(), redraws=False)["programs"]
@@ -461,7 +452,7 @@ def test_rows_have_the_figures(cache, yosys):
 def test_nothing_is_computed_twice(cache, yosys, generator):
     points = grid([Point.of(Core(params=TINY))], pes=(1, 2))
     first = sweep(points, Questions(), cache, Here())
-    assert first.computed == 2 + 2 + 1  # the bus is the same for all
+    assert first.computed == 2 + 2
     runs = len(yosys)
     again = Here()
     second = sweep(points, Questions(), cache, again)
@@ -480,8 +471,25 @@ def test_interrupted_sweep_goes_on(cache):
     outcome = sweep(points, QUICK, cache, rest)
     assert not set(interrupted.computed) & set(rest.computed)
     assert outcome.found == 2
-    assert outcome.computed == len(rest.computed) == 3
+    assert outcome.computed == len(rest.computed) == 2
     assert all(row["cycles"] and row["bus_words"] for row in outcome.rows)
+
+
+def test_models_are_an_axis(cache):
+    """Models on the core: their cycles are in the sum, and what they need crosses the bus."""
+    base = Point.of(Core(params=replace(NANOSAT, pes=10), problem="nanosat"))
+    points = grid([base], models=[Placement.SOFTWARE, Placement.F, Placement.CORE])
+    outcome = sweep(points, QUICK, cache, Here())
+    assert outcome.failed == 0
+    for point, row in zip(points, outcome.rows, strict=True):
+        params = point.core.params
+        expected = latency(params, Pipeline(), redraws=False)
+        assert row["cycles"] == expected["total"] == row["predict_cycles"] + row["update_cycles"]
+        assert row["bus_words"] == expected["bus_words"]
+    software, f, core = outcome.rows
+    assert software["cycles"] < f["cycles"] < core["cycles"]
+    assert software["bus_words"] > f["bus_words"] > core["bus_words"] == 17
+    assert core["predict_cycles"] > software["predict_cycles"]
 
 
 def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
@@ -507,7 +515,7 @@ def test_bad_point_costs_its_row_only(cache, monkeypatch, yosys, generator):
     # A failure is not kept.
     monkeypatch.setattr(series7, "synthesise", synthesise)
     outcome = sweep(points[:2], Questions(), cache, Here())
-    assert (outcome.found, outcome.computed, outcome.failed) == (4, 1, 0)
+    assert (outcome.found, outcome.computed, outcome.failed) == (3, 1, 0)
 
 
 def test_sources_that_leave_the_verilog_alone_cost_no_synthesis(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from support.model_cores import model_core
+from support.traffic import count_words
 from ukf_sw.backends import golden_driver
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.filter import UnscentedKalmanFilter
@@ -14,9 +15,8 @@ from ukf_sw.spec.float_format import BINARY64
 from ukf_sw.spec.model_programs import NO_MODELS
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program, Routine
-from ukf_tools.design_space.traffic import count_words
 from ukf_tools.estimate.latency import iteration, latency, steps_of
-from ukf_tools.estimate.traffic import bus_words
+from ukf_tools.estimate.traffic import bus_words, traffic_of
 
 
 @pytest.mark.parametrize(
@@ -96,8 +96,8 @@ def test_clocks_are_those_that_the_golden_core_counts():
 )
 def test_bus_words_are_those_that_the_driver_counts(params, redraws):
     counted = count_words(params, redraws=redraws)
-    words = sum(counted[name] for name in ("words_read", "words_written", "starts"))
-    assert bus_words(params, redraws=redraws) == words
+    assert traffic_of(params, redraws=redraws) == counted
+    assert bus_words(params, redraws=redraws) == counted.words
 
 
 @pytest.mark.parametrize("redraws", [False, True])
@@ -121,8 +121,9 @@ def test_bus_words_with_models(name, which, redraws):
         _ = ukf.x
         same = sum(driver._inputs[place] == word for place, word in inputs.items())
         size = params.format.bus_words
-        counts.append((driver.traffic - before).words + same * size)
-    assert counts[1:] == [bus_words(params, redraws=redraws)] * 3
+        found = driver.traffic - before
+        counts.append(replace(found, words_written=found.words_written + same * size))
+    assert counts[1:] == [traffic_of(params, redraws=redraws)] * 3
 
 
 def test_bus_words_of_no_models():

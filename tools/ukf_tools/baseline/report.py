@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from ukf_sw.drivers.driver import Traffic
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
@@ -13,7 +12,7 @@ from ukf_sw.spec.sequence import Program
 from ukf_tools.baseline.costs import TOOL, Cycles, cost
 from ukf_tools.baseline.counting import COMPILER, DISASSEMBLER, SECTIONS, count
 from ukf_tools.baseline.executable import ARM, VARIANTS, build, need
-from ukf_tools.design_space.traffic import count_words
+from ukf_tools.estimate.traffic import traffic_of
 
 __all__ = ["PAPER", "markdown", "measure"]
 
@@ -57,7 +56,7 @@ def _core(params: UkfParams, models: list[float], software: dict[str, Any]) -> d
     """One row: the core, its bus and the models, and how much faster that is."""
     code = microcode(params, Pipeline())
     cycles = code.clocks(Program.PREDICT) + code.clocks(Program.UPDATE)
-    traffic = Traffic(**count_words(params, redraws=False))
+    traffic = traffic_of(params, redraws=False)
     words = traffic.words + traffic.register_words
     hardware, bus = cycles / CORE_MHZ, words * WORD_CLOCKS / CORE_MHZ
     total = [hardware + bus + bound for bound in models]

@@ -11,15 +11,14 @@ from typing import Any, ClassVar
 from ukf_hdl.generate import without_header
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.spec.core import Core
-from ukf_sw.spec.float_format import BINARY32, BINARY64
+from ukf_sw.spec.float_format import BINARY32
 from ukf_sw.spec.parameters import Form, Pipeline, UkfParams
 from ukf_tools.design_space.accuracy import measure_accuracy
 from ukf_tools.design_space.cache import Cache, key_of
 from ukf_tools.design_space.sources import digest
-from ukf_tools.design_space.traffic import count_words
 from ukf_tools.estimate import ecp5, latency, series7
 
-__all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis", "TrafficPart"]
+__all__ = ["Accuracy", "Part", "Reference", "Routing", "SchedulePart", "Synthesis"]
 
 
 def _computed(params: UkfParams) -> dict[str, Any]:
@@ -102,48 +101,6 @@ class SchedulePart(Part):
     def cost(self) -> float:
         """Grows with the number of operations."""
         return 0.1 + 2e-4 * (self.params.n + self.params.m) ** 3 / 2
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrafficPart(Part):
-    """Bus words of an iteration.
-
-    Parameters
-    ----------
-    params
-        The core. Make it by :meth:`of`, so that cores with the same traffic share a part.
-    redraws
-        Whether the filter draws new sigma points after every predict.
-    """
-
-    kind: ClassVar[str] = "traffic"
-    params: UkfParams
-    redraws: bool
-
-    @classmethod
-    def of(cls, params: UkfParams, *, redraws: bool) -> "TrafficPart":
-        """Part of a core, without what its traffic does not depend on."""
-        # Of formats only the words of a number matter; in narrow ones the filter may fail.
-        plain = BINARY32 if params.format.bus_words == 1 else BINARY64
-        params = replace(params, pes=1, form=Form.SQUARE_ROOT, format=plain)
-        return cls(params=params, redraws=redraws)
-
-    def identity(self) -> dict[str, Any]:
-        """Sizes, kinds of noise, format, and the sources of driver and golden model."""
-        return {
-            "core": _computed(self.params),
-            "redraws": self.redraws,
-            "sources": digest("ukf_tools.design_space.traffic"),
-        }
-
-    def compute(self) -> dict[str, Any]:
-        """Count them."""
-        return count_words(self.params, redraws=self.redraws)
-
-    @property
-    def cost(self) -> float:
-        """Mostly the time to compile the golden model."""
-        return 2.0
 
 
 @dataclass(frozen=True, kw_only=True)

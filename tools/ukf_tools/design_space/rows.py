@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ukf_sw.drivers.driver import Traffic
 from ukf_sw.spec.core import PARAMETERS
 from ukf_tools.design_space.points import Point
 from ukf_tools.estimate.series7 import Netlist
+from ukf_tools.estimate.traffic import traffic_of
 
 __all__ = ["COLUMNS", "Column", "Conditions", "figures"]
 
@@ -111,7 +111,7 @@ def figures(
     point
         The core.
     found
-        Results of its parts, by name: ``schedule``, ``traffic``, ``resources``, ``accuracy``,
+        Results of its parts, by name: ``schedule``, ``resources``, ``accuracy``,
         ``reference``, as far as they are there.
     failures
         Messages of what failed, by name.
@@ -128,8 +128,6 @@ def figures(
     row |= _of_core(point)
     if "schedule" in found:
         row |= _cycles(found["schedule"])
-    if "traffic" in found:
-        row |= _words(found["traffic"])
     row |= _times(row, conditions)
     if "resources" in found:
         resources = Netlist(**found["resources"]).resources.as_dict()
@@ -146,12 +144,16 @@ def _of_core(point: Point) -> dict[str, Any]:
         core = point.core
     except ValueError:
         return {}
-    return {"sigma_points": len(core.params.points), "redraws": core.redraws}
+    traffic = traffic_of(core.params, redraws=core.redraws)
+    return {
+        "sigma_points": len(core.params.points), "redraws": core.redraws,
+        "bus_words": traffic.words, "register_words": traffic.register_words,
+    }  # fmt: skip
 
 
 def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
     programs, steps = schedule["programs"], schedule["steps"]
-    predict = steps["PREDICT"] + steps["SIG_GEN"]
+    predict = steps.get("PREDICT", 0) + steps.get("F", 0) + steps["SIG_GEN"]
     return {
         "predict_cycles": predict,
         "update_cycles": schedule["total"] - predict,
@@ -160,14 +162,6 @@ def _cycles(schedule: Mapping[str, Any]) -> dict[str, int]:
         "sig_gen_predicted_cycles": programs["SIG_GEN_PREDICTED"],
         "init_cycles": programs["INIT"],
         "covariance_cycles": programs["COVARIANCE"],
-    }
-
-
-def _words(traffic: Mapping[str, int]) -> dict[str, int]:
-    words = Traffic(**traffic)
-    return {
-        "bus_words": words.words,
-        "register_words": words.register_words,
     }
 
 

@@ -17,7 +17,6 @@ from ukf_tools.design_space.parts import (
     Reference,
     SchedulePart,
     Synthesis,
-    TrafficPart,
 )
 from ukf_tools.design_space.points import Point
 from ukf_tools.design_space.rows import Conditions, figures
@@ -81,7 +80,6 @@ class Questions:
         params, pipeline = core.params, core.pipeline
         parts: dict[str, Part] = {
             "schedule": SchedulePart(params=params, pipeline=pipeline, redraws=core.redraws),
-            "traffic": TrafficPart.of(params, redraws=core.redraws),
         }
         if self.resources:
             parts["resources"] = Synthesis(params=params, pipeline=pipeline)

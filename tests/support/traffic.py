@@ -1,6 +1,6 @@
-"""Bus words of an iteration, counted by the driver."""
+"""Bus words of an iteration of models in software, counted by the driver."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from ukf_sw.backends import golden_driver
 from ukf_sw.drivers.driver import Traffic
@@ -11,7 +11,7 @@ from ukf_sw.spec.parameters import Form, UkfParams
 __all__ = ["count_words"]
 
 
-def count_words(params: UkfParams, *, redraws: bool) -> dict[str, int]:
+def count_words(params: UkfParams, *, redraws: bool) -> Traffic:
     """Count the bus words of an iteration: the driver drives the golden model, and counts.
 
     They depend on sizes, kinds of noise, the words of a number, and whether W0 is zero only.
@@ -25,9 +25,8 @@ def count_words(params: UkfParams, *, redraws: bool) -> dict[str, int]:
 
     Returns
     -------
-    dict
-        The counts of :class:`ukf_sw.drivers.driver.Traffic`, when each step is found ended on the
-        first look.
+    Traffic
+        The counts, when each step is found ended on the first look.
 
     Raises
     ------
@@ -41,4 +40,4 @@ def count_words(params: UkfParams, *, redraws: bool) -> dict[str, int]:
     counts: list[Traffic] = []
     run(problem, driver, after_step=lambda done, ukf: counts.append(driver.traffic))
     # The first iteration enables the core as well; the second is like all others.
-    return asdict(counts[2] - counts[1])
+    return counts[2] - counts[1]
