@@ -9,17 +9,15 @@ from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.spec.parameters import Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
+from ukf_tools.baseline import whole
 from ukf_tools.baseline.costs import TOOL, Cycles, cost
 from ukf_tools.baseline.counting import COMPILER, DISASSEMBLER, SECTIONS, count
 from ukf_tools.baseline.executable import ARM, VARIANTS, build, need
+from ukf_tools.baseline.figures import CORE_MHZ, PROCESSOR_MHZ, WORD_CLOCKS, as_range
 from ukf_tools.estimate.traffic import traffic_of
 
 __all__ = ["PAPER", "markdown", "measure"]
 
-#: Clocks of processor and core in MHz, the papers'.
-PROCESSOR_MHZ, CORE_MHZ = 667.0, 100.0
-#: Clocks of the core that a word takes on the 2018 paper's bus: 116 us for 726 words, and so on.
-WORD_CLOCKS = 15.6
 PES = (1, 2, 5, 10)
 #: Table 4 of the 2018 paper in us; its software has the sigma points in `predict`. Totals: table 1.
 PAPER: dict[str, Any] = {
@@ -131,6 +129,7 @@ def measure(steps: int = 20, sysroot: Path | None = None) -> dict[str, Any]:
             "update": dense["update"],
             "total": dense["total"],
         },
+        "whole": whole.measure(software),
         "core": {
             noise.value: [
                 _core(
@@ -149,13 +148,8 @@ def measure(steps: int = 20, sysroot: Path | None = None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _range(bounds: list[float], digits: int = 0) -> str:
-    low, high = (f"{bound:.{digits}f}" for bound in bounds)
-    return low if low == high else f"{low} – {high}"
-
-
 def markdown(record: dict[str, Any]) -> dict[str, str]:
-    """Tables of the comparison, by name: software, and the core beside it."""
+    """Tables of the comparison, by name: software, the core beside it, the core with models."""
     software = [
         "| us | instructions | sigma points | predict | update | models | **total** |",
         "|----|-------------:|-------------:|--------:|-------:|-------:|----------:|",
@@ -163,9 +157,9 @@ def markdown(record: dict[str, Any]) -> dict[str, str]:
     for name, variant in record["software"].items():
         us = variant["us"]
         instructions = sum(part["instructions"] for part in variant["sections"].values())
-        cells = [_range(us[section], 1) for section in SECTIONS]
+        cells = [as_range(us[section], 1) for section in SECTIONS]
         software.append(
-            f"| `{name}` | {instructions:.0f} | {' | '.join(cells)} | **{_range(us['total'])}** |"
+            f"| `{name}` | {instructions:.0f} | {' | '.join(cells)} | **{as_range(us['total'])}** |"
         )
     paper = record["paper"]
     software.append(
@@ -186,13 +180,14 @@ def markdown(record: dict[str, Any]) -> dict[str, str]:
             over = row["speedup_over"]
             core.append(
                 f"| {noise} | {row['pes']} | {row['hardware_us']:.1f} | {row['bus_us']:.1f} "
-                f"| {_range(row['models_us'], 1)} | **{_range(row['total_us'], 1)}** "
-                f"| {_range(over['gsl']['iteration'], 1)} | {_range(over[fast]['iteration'], 2)} "
-                f"| {_range(over['paper']['iteration'], 1)} "
-                f"| {_range(over['gsl']['hardware_part'], 1)} "
-                f"| {_range(over[fast]['hardware_part'], 2)} |"
+                f"| {as_range(row['models_us'], 1)} | **{as_range(row['total_us'], 1)}** "
+                f"| {as_range(over['gsl']['iteration'], 1)} | {as_range(over[fast]['iteration'], 2)} "
+                f"| {as_range(over['paper']['iteration'], 1)} "
+                f"| {as_range(over['gsl']['hardware_part'], 1)} "
+                f"| {as_range(over[fast]['hardware_part'], 2)} |"
             )
     return {
         "software": "\n".join(software) + "\n",
         "core": "\n".join(core) + "\n",
+        "whole": whole.markdown(record["whole"]),
     }
