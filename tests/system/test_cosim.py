@@ -224,20 +224,24 @@ def test_random_cores_with_several_sensors(core_cache, seed, sensors):
 
 def small_core_of_models(seed):
     """A small core with models and its pipeline: every third of any steps, others of functions."""
-    params, pipeline = random_core(seed, 1 + seed % 2)
+    params, pipeline = random_core(seed, 1 + seed // 3 % 2)
     rng, of_any_steps = random.Random(seed), seed % 3 == 2
     # Functions need coefficients of their format.
-    odd = ODD_FORMAT if of_any_steps else BINARY16
-    one_lane = replace(params, format=(BINARY16, BFLOAT16, BINARY32, odd)[seed % 4], pes=1)
+    odd = ODD_FORMAT if of_any_steps else BINARY64
+    one_lane = replace(params, format=(BINARY16, BFLOAT16, BINARY32, odd)[seed // 2 % 4], pes=1)
     small = replace(one_lane, pes=min(params.pes, 2, one_lane.columns))
     if of_any_steps:
         return with_models(small, any_models(rng, small, steps=10, finite=0.95)), pipeline
     return with_models(small, sane_models(rng, small)), pipeline
 
 
+#: Seeds of the usual cores with models, and of those that are slow.
+WITH_MODELS, MORE_WITH_MODELS = (602, 616, 619, 653), range(700, 720)
+
+
 @pytest.mark.parametrize(
     "seed",
-    [600, 602, *(pytest.param(k, marks=pytest.mark.slow) for k in (601, *range(603, 624)))],
+    [*WITH_MODELS, *(pytest.param(seed, marks=pytest.mark.slow) for seed in MORE_WITH_MODELS)],
 )
 def test_random_cores_with_models(core_cache, seed):
     params, pipeline = small_core_of_models(seed)
@@ -250,7 +254,28 @@ def test_random_cores_with_models(core_cache, seed):
         assert sum(counts[f"{step} code {code}"] for code in range(7)) > 0
         assert any(counts[f"reset of {step} in program {number}"] for number in range(4))
     assert counts["ITERATE code 1"] + counts["F code 1"] + counts["H code 1"] > 0
+    assert counts["masked"] > 0
     assert counts["words compared"] > 1000
+
+
+@pytest.mark.parametrize("seeds", [WITH_MODELS, MORE_WITH_MODELS], ids=["usual", "slow"])
+def test_random_cores_with_models_are_of_every_kind(seeds):
+    """Few cores stand for many only if what they have in common is little."""
+    cores = [small_core_of_models(seed)[0] for seed in seeds]
+    assert len(cores) >= (20 if seeds is MORE_WITH_MODELS else 4)
+    assert {(core.form, len(core.sensor_rows)) for core in cores} == {
+        (form, sensors) for form in Form for sensors in (1, 2)
+    }
+    assert {core.pes for core in cores} == {1, 2}
+    assert len({core.format for core in cores}) >= (5 if seeds is MORE_WITH_MODELS else 3)
+    assert {core.W0 == 0.0 for core in cores} == {True, False}
+    for noise in ("process_noise", "observation_noise"):
+        assert {getattr(core, noise) for core in cores} == {Noise.AUGMENTED, Noise.ADDITIVE}
+    # Programs of any steps, and of functions, which read the unit 1/sqrt and the inputs.
+    assert {seed % 3 == 2 for seed in seeds} == {True, False}
+    assert any(len(variants) > 1 for core in cores for variants in core.models.h)
+    assert any(core.models.roots for core in cores)
+    assert any(len({*core.sensor_rows}) > 1 for core in cores)
 
 
 @pytest.mark.slow
