@@ -12,6 +12,7 @@ from ukf_sim.session import Job, run_job
 from ukf_sim.simulators import Simulator, SimulatorError
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -124,6 +125,30 @@ def test_icarus_does_everything(core_cache, icarus):
         arguments={"seed": 1, "rounds": 12},
     )
     check_counts(run_job(job, icarus, cache=core_cache).value, params)
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "each"),
+    [
+        ("pendulum", 5, ["F", "SIG_GEN", "H"]),
+        ("ctrv-masked", 6, ["ITERATE"]),  # two programs of h, an angle, masks
+        ("nanosat", 3, ["ITERATE"]),
+    ],
+)
+def test_applications_with_models_on_the_core(core_cache, name, steps, each):
+    """Bit for bit, in the clocks of the schedule, and with the words that were counted."""
+    recipe = Recipe.of(name, models="core")
+    found = cosimulate(recipe.scenario, steps, cache=core_cache, optimise=False)
+    assert found.okay
+    assert found.words_compared > 200
+    expected = latency(recipe.params, Pipeline(), redraws=found.run.problem.redraws)
+    assert list(found.cycles) == each
+    assert sum(found.cycles.values()) == expected["total"]
+    assert all([*one.cycles] == each for one in found.iterations[1:])
+    assert found.traffic.words == expected["bus_words"]
+    golden = run(recipe.scenario(steps), "golden", covariance=True)
+    np.testing.assert_array_equal(found.run.x, golden.x)
+    np.testing.assert_array_equal(found.run.P, golden.P)
 
 
 def random_core(seed, sensors=1):
