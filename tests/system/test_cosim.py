@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from support.random_models import any_models, sane_models, with_models
-from ukf_sim.cosimulation import cosimulate
+from ukf_sim.cosimulation import Iteration, Observations, cosimulate
 from ukf_sim.session import Job, run_job
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.drivers.driver import Traffic
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
@@ -125,6 +126,26 @@ def test_icarus_does_everything(core_cache, icarus):
         arguments={"seed": 1, "rounds": 12},
     )
     check_counts(run_job(job, icarus, cache=core_cache).value, params)
+
+
+def test_the_iteration_that_is_shown_is_a_full_one():
+    """Neither the first, which also draws the first sigma points, nor one without an update."""
+
+    def made(*clocks):
+        iterations = tuple(
+            Iteration(cycles=each, traffic=Traffic(starts=k), clocks=0, bus_clocks=0, bus_words=0)
+            for k, each in enumerate(clocks)
+        )
+        return Observations(
+            mismatch=None, words_compared=0, first_cycles={}, iterations=iterations,
+            seconds=0.0, cpu_seconds=0.0,
+        )  # fmt: skip
+
+    first, full, short = {"SIG_GEN": 9, "ITERATE": 50}, {"ITERATE": 50}, {"SIG_GEN": 9, "F": 20}
+    found = made(first, full, short, dict(full), short)
+    assert (found.cycles, found.traffic.starts) == (full, 3)
+    assert made(first).cycles == first
+    assert (made().fullest, made().cycles, made().traffic) == (None, {}, Traffic())
 
 
 @pytest.mark.parametrize(
