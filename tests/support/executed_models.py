@@ -6,7 +6,7 @@ import numpy as np
 
 from ukf_sw.elementary.execution import execute
 from ukf_sw.lowering.placement import find_models
-from ukf_sw.spec.model_programs import SourceKind, Temporary
+from ukf_sw.spec.model_programs import NO_MODELS, SourceKind, Temporary
 
 __all__ = ["with_executed_models"]
 
@@ -29,13 +29,24 @@ def _execute(program, x, noise, first_term, inputs):
     return np.array([np.broadcast_to(row, x.shape[1:]) for row in rows])
 
 
+def _of_columns(model):
+    """A model of one sigma point as one of all of them, one column each."""
+
+    def of_all(x, noise, *arguments, **keywords):
+        pairs = zip(x.T, noise.T, strict=True)
+        return np.array([model(one, term, *arguments, **keywords) for one, term in pairs]).T
+
+    return of_all
+
+
 def with_executed_models(problem):
     """Give a problem with models on the core as one whose models in software give the same numbers.
 
     Parameters
     ----------
     problem : Problem
-        It has programs of all models, and no angles, whose measurements a core wraps by itself.
+        It has programs of f, of h, or of both; its models take one sigma point, and it has no
+        angles, whose measurements a core wraps by itself.
     """
     models = problem.models
     placed = find_models(problem, models, problem.format)
@@ -48,12 +59,12 @@ def with_executed_models(problem):
             variant, inputs = placed.inputs_of_h(name, arguments)
             return _execute(models.h[number][variant], x, v, first, inputs)
 
-        sensors[name] = replace(sensor, h=h)
+        sensors[name] = replace(sensor, h=h if models.h else _of_columns(sensor.h))
 
     def f(x, w, u):
         return _execute(models.f, x, w, 0, placed.inputs_of_f(u, {}))
 
     return replace(
-        problem.for_core(replace(problem.params, models=type(models)())),
-        f=f, sensors=sensors, vectorized=True,
+        problem.for_core(replace(problem.params, models=NO_MODELS)),
+        f=_of_columns(problem.f) if models.f is None else f, sensors=sensors, vectorized=True,
     )  # fmt: skip

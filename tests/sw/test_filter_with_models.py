@@ -14,11 +14,12 @@ from ukf_sw.lowering.placement import place_models
 from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
-from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64
+from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.model_programs import NO_MODELS
 from ukf_sw.spec.parameters import Form
 
 STEPS = 8
+ODD_FORMAT = FloatFormat(exponent_bits=7, fraction_bits=19)
 
 
 def on_core(name, steps, **changes):
@@ -88,6 +89,106 @@ def test_coarse_formats_and_wild_observations(name, fmt, size):
     there, here = check_equal(replace(problem, data=wild), STEPS)
     if there.stop is not None and here.stop is not None:
         assert there.stop.index == here.stop.index
+
+
+def drive(x, w, u):
+    """A cart with an unknown scale of its odometer."""
+    place, speed, scale = x
+    return np.array([place + 0.5 * speed, speed + u[0] + w[0], 0.75 * scale + 0.25])
+
+
+def see_place(x, v):
+    return np.array([x[0] + v[0], x[0] * x[2] - 0.5 * v[1]])
+
+
+def see_speed(x, v, *, gain):
+    return np.where(x[1:2] > 0.0, x[1:2] * gain, 0.0) + v
+
+
+def cart(**changes):
+    """Two sensors, augmented noise, and nothing that needs coefficients: it has every format."""
+    draws = np.random.default_rng(5)
+    data = Data(
+        times=np.arange(1.0, STEPS + 1.0), inputs=draws.normal(size=(STEPS, 1)),
+        measurements={
+            "gps": draws.normal(size=(STEPS, 2)), "odometer": draws.normal(size=(STEPS, 1)),
+        },
+    )  # fmt: skip
+    arguments = [{"gain": float(gain)} for gain in draws.uniform(0.5, 1.5, STEPS)]
+    sensors = {
+        "gps": Sensor(lambda x, v, *, gain: see_place(x, v), R=0.1 * np.eye(2), m=2),
+        "odometer": Sensor(see_speed, R=[[0.2]], m=1),
+    }
+    return Problem(
+        name="cart", f=drive, sensors=sensors, Q=[[0.1]], x0=[0.0, 0.5, 1.0], P0=np.eye(3),
+        data=replace(data, observation_arguments=arguments), **changes,
+    )  # fmt: skip
+
+
+def with_programs(problem, models):
+    placed = place_models(problem, models)
+    return replace(problem, models=placed.models)
+
+
+#: Cores of the cart; the first one also with one of the models on it.
+CARTS = [
+    {"pes": 1, "format": ODD_FORMAT},
+    {"pes": 2, "form": Form.COVARIANCE, "W0": 0.25},
+    {"pes": 5, "format": BINARY64, "redraw": True},
+    {"pes": 11, "format": BFLOAT16, "W0": 0.5},
+    {"pes": 3, "format": BINARY16, "form": Form.COVARIANCE},
+]
+
+
+@pytest.mark.parametrize(
+    ("models", "changes"),
+    [
+        ("core", CARTS[0]), ("f", CARTS[0]), ("h", CARTS[0]), ("core", CARTS[1]),
+        *(
+            pytest.param(models, changes, marks=pytest.mark.slow)
+            for models in ("core", "f", "h")
+            for changes in CARTS[1:]
+        ),
+    ],
+)  # fmt: skip
+def test_sensors_masks_and_gates_in_any_order(models, changes):
+    """Whatever is done to a filter gives equal numbers, or the same error, in both."""
+    problem = with_programs(cart(**changes), models)
+    filters = [UnscentedKalmanFilter(each, "golden")
+               for each in (problem, with_executed_models(problem))]  # fmt: skip
+    draws, done = np.random.default_rng(7), {"gated": 0, "error": 0, "masked": 0}
+    for k in range(40):
+        what = ("iterate", "update", "predict", "iterate", "gate", "redraw")[int(draws.integers(6))]
+        sensor = ("gps", "odometer")[int(draws.integers(2))]
+        z = draws.normal(size=2 if sensor == "gps" else 1) * (1e4 if k % 9 == 8 else 1.0)
+        mask = draws.random(len(z)) < 0.8
+        given = {"mask": mask, "sensor": sensor, "gain": float(draws.uniform(0.5, 1.5))}
+        u = draws.normal(size=1)
+        found = []
+        for ukf in filters:
+            try:
+                match what:
+                    case "iterate":
+                        ukf.iterate(u, z, **given)
+                    case "update":
+                        ukf.update(z, **given)
+                    case "predict":
+                        ukf.predict(u)
+                    case "redraw":
+                        ukf.redraw()
+                    case "gate":
+                        ukf.gate = (3.0, np.inf)[k % 2]
+                error = None
+            except UkfError as raised:
+                error = getattr(raised, "index", None)
+                done["error"] += 1
+                ukf.reset()
+            found.append((error, ukf.x.tolist(), ukf.P.tolist(), ukf.nis, ukf.gated))
+        assert found[0] == found[1], (k, what)
+        done["gated"] += ukf.gated
+        done["masked"] += what == "iterate" and not mask.all()
+    assert done["gated"] > 0
+    assert done["masked"] > 0
 
 
 # Which programs of a core they are.

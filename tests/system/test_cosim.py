@@ -163,10 +163,13 @@ def test_applications_with_models_on_the_core(core_cache, name, steps, each):
     assert found.okay
     assert found.words_compared > 200
     expected = latency(recipe.params, Pipeline(), redraws=found.run.problem.redraws)
-    assert list(found.cycles) == each
-    assert sum(found.cycles.values()) == expected["total"]
-    assert all([*one.cycles] == each for one in found.iterations[1:])
-    assert found.traffic.words == expected["bus_words"]
+    # In the first step of ctrv nothing is sampled, so that the second draws points as well.
+    regular = found.iterations[2:]
+    assert all([*one.cycles] == each for one in regular)
+    assert max(sum(one.cycles.values()) for one in regular) == expected["total"]
+    # Inputs that have not changed are not written.
+    same = 0 if name == "nanosat" else len(recipe.params.models.inputs)
+    assert {one.traffic.words for one in regular} == {expected["bus_words"] - same}
     golden = run(recipe.scenario(steps), "golden", covariance=True)
     np.testing.assert_array_equal(found.run.x, golden.x)
     np.testing.assert_array_equal(found.run.P, golden.P)
