@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ukf_sw.errors import UkfError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.lowering.placement import place_models
 from ukf_sw.problem import Data, Problem, Sensor
+from ukf_sw.problems.placing import core_models
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
@@ -240,6 +242,24 @@ def test_a_core_may_have_more_programs_than_the_data_call_for(core, names):
     np.testing.assert_array_equal(runs[0].x, runs[1].x)
     np.testing.assert_array_equal(runs[0].P, runs[1].P)
     check_equal(problem.for_core(core), len(names))
+
+
+def test_programs_of_a_record_are_those_of_all_its_steps(tmp_path, monkeypatch):
+    """Also of what comes late in it; of data that are made, 100 steps are."""
+    (tmp_path / "late_kind.py").write_text(
+        "from dataclasses import replace\n"
+        "from test_filter_with_models import kinds\n"
+        "recorded = kinds(*['place'] * 120, 'rate')\n"
+        "made = replace(recorded, data=lambda seed, steps: kinds(*['place'] * steps).data)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    monkeypatch.chdir(tmp_path)
+    counts = [
+        len(core_models(f"late_kind:{name}", "core", BINARY32).h[0])
+        for name in ("recorded", "made")
+    ]
+    assert counts == [2, 1]
 
 
 def test_lists_are_arrays_as_in_software():
