@@ -51,7 +51,7 @@ test-slow: $(STAMP) ## Run everything, the exhaustive tests included
 cosim: $(STAMP) ## Co-simulate; OPTIONS="--problem nanosat --pes 2 ..."
 	$(BIN)/ukf cosim $(or $(OPTIONS),--problem nanosat --pes 2)
 
-apps: $(STAMP) ## Run every application, and co-simulate some steps of each
+apps: $(STAMP) ## Run every application, models in software and on the core, and co-simulate some steps
 	$(BIN)/ukf apps all --cosim-steps 30 --workers $(JOBS)
 
 figures: apps demo ## Run them and the demonstration, and put tables and figures into the documents

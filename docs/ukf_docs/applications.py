@@ -29,7 +29,7 @@ def copy_figures(records: list[dict[str, Any]], folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     copies: list[Path] = []
     for record in records:
-        if record["backend"] == "cosim":
+        if record["backend"] == "cosim" or record["models"] != "software":
             continue
         if not record["plots"]:
             raise ValueError(f"{record['name']} must have figures, not {record['plots']!r}")
@@ -61,62 +61,93 @@ def sections(records: list[dict[str, Any]], study: dict[str, Any]) -> dict[str, 
     return dict(zip(SECTIONS, made, strict=True))
 
 
-def _errors(records: list[dict[str, Any]]) -> str:
-    rows: list[tuple[str, ...]] = []
+def _by_name(
+    records: list[dict[str, Any]], *, simulated: bool
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Records of each application by where its models were: software first."""
+    found: dict[str, dict[str, dict[str, Any]]] = {}
     for record in records:
-        if record["backend"] == "cosim":
-            continue
-        verdicts = {(v["error"], v["measure"]): v for v in record["verdicts"]}
-        rounding = {v["error"]: v for v in record["rounding"]}
-        name = record["name"]
-        for error in record["errors"]:
-            label = f"{error['error']} / {error['unit']}" if error["unit"] else error["error"]
-            for measure, value, other in (
-                ("rms", error["rms"], error["float64_rms"]),
-                ("maximum", error["maximum"], None),
-            ):
-                verdict = verdicts.get((error["error"], measure))
-                if verdict is None and measure == "maximum":
-                    continue
-                bound = reference = "–"
-                if verdict is not None:
-                    bound = f"{number(verdict['low'])} to {number(verdict['high'])}"
-                    bound += "" if verdict["okay"] else " **missed**"
-                    reference = (
-                        "–" if verdict["reference"] is None else number(verdict["reference"])
-                    )
-                    value = verdict["value"]
-                difference = "–"
-                if measure == "rms" and (beside := rounding.get(error["error"])) is not None:
-                    difference = f"{beside['difference']:+.2%}"
-                    difference += "" if beside["okay"] else " **missed**"
-                kind = "largest " if measure == "maximum" else ""
-                rows.append((
-                    f"[{name}](#{name})" if name else "", str(record["runs"]) if name else "",
-                    kind + label, number(value), "–" if other is None else number(other),
-                    difference, reference, bound,
-                ))  # fmt: skip
-                name = ""
+        if (record["backend"] == "cosim") is simulated:
+            found.setdefault(record["name"], {})[record["models"]] = record
+    return found
+
+
+def _errors(records: list[dict[str, Any]]) -> str:
+    """Errors of each application, with its models in software and on the core."""
+    rows: list[tuple[str, ...]] = []
+    for name, placed in _by_name(records, simulated=False).items():
+        first = placed["software"]
+        bounds = {(v["error"], v["measure"]): v for v in first["verdicts"]}
+        begin = [f"[{name}](#{name})", str(first["runs"])]
+        for error in first["errors"]:
+            for measure in ("rms", "maximum"):
+                bound = bounds.get((error["error"], measure))
+                if measure == "rms" or bound is not None:
+                    rows.append((*begin, *_error(error, measure, placed, bound)))
+                    begin = ["", ""]
     headings = (
-        "application", "runs", "error", "core", "float64", "difference", "reference", "bound",
+        "application", "runs", "error", "float64", "in software", "difference", "on the core",
+        "difference", "reference", "bound",
     )  # fmt: skip
     return table(headings, rows, left=3)
 
 
-def _cosimulations(records: list[dict[str, Any]]) -> str:
-    headings = (
-        "application", "PEs", "steps", "words equal", "cycles PREDICT + UPDATE", "words a step",
-    )  # fmt: skip
-    rows: list[tuple[object, ...]] = []
-    for record in records:
-        if record["backend"] != "cosim":
+def _error(
+    error: dict[str, Any],
+    measure: str,
+    placed: dict[str, dict[str, Any]],
+    bound: dict[str, Any] | None,
+) -> list[str]:
+    """Cells of an error: its name, with the models in each place, and what it must be."""
+    label = f"{error['error']} / {error['unit']}" if error["unit"] else error["error"]
+    other = error["float64_rms"] if measure == "rms" else None
+    cells = [
+        ("largest " if measure == "maximum" else "") + label,
+        "–" if other is None else number(other),
+    ]
+    missed = ""
+    for models in ("software", "core"):
+        record = placed.get(models, {"errors": []})
+        own = next((each for each in record["errors"] if each["error"] == error["error"]), None)
+        if own is None:  # not run, or stopped
+            cells += ["–", "–"]
             continue
-        cycles, words = record["cycles"], Traffic(**record["traffic"]).words
-        equal = thousands(record["words_compared"]) if record["okay"] else "**differs**"
-        rows.append((
-            record["name"], record["pes"], record["steps"], equal,
-            f"{cycles['PREDICT']} + {cycles['UPDATE']}", words,
-        ))  # fmt: skip
+        cells.append(number(own[measure]))
+        beside = {v["error"]: v for v in record["rounding"]}.get(error["error"])
+        if measure == "rms" and beside is not None:
+            cells.append(f"{beside['difference']:+.2%}{'' if beside['okay'] else ' **missed**'}")
+        else:
+            cells.append("–")
+        for verdict in record["verdicts"]:
+            if (verdict["error"], verdict["measure"]) == (error["error"], measure):
+                missed = missed if verdict["okay"] else " **missed**"
+    if bound is None:
+        return [*cells, "–", "–"]
+    reference = "–" if bound["reference"] is None else number(bound["reference"])
+    return [*cells, reference, f"{number(bound['low'])} to {number(bound['high'])}{missed}"]
+
+
+def _cosimulations(records: list[dict[str, Any]]) -> str:
+    """What was compared of each application, and what an iteration took."""
+    rows: list[tuple[object, ...]] = []
+    for name, placed in _by_name(records, simulated=True).items():
+        first = placed["software"]
+        row: list[object] = [name, first["pes"], first["steps"]]
+        for models in ("software", "core"):
+            record = placed.get(models)
+            if record is None:
+                row += ["–", "–", "–"]
+                continue
+            row += [
+                thousands(record["words_compared"]) if record["okay"] else "**differs**",
+                sum(record["cycles"].values()),
+                Traffic(**record["traffic"]).words,
+            ]
+        rows.append(tuple(row))
+    headings = (
+        "application", "PEs", "steps", "in software: words equal", "cycles", "words",
+        "on the core: words equal", "cycles", "words",
+    )  # fmt: skip
     return table(headings, rows)
 
 

@@ -86,8 +86,15 @@ class Observations:
 
     @property
     def fullest(self) -> Iteration | None:
-        """The iteration with most steps of the core, the last of several; None if there is none."""
-        return max(reversed(self.iterations), key=lambda each: len(each.cycles), default=None)
+        """The iteration with most clocks of the core, the last of several; None if there is none.
+
+        It is not the first, which draws the sigma points that later ones have, unless there is no
+        other.
+        """
+        return max(
+            reversed(self.iterations[1:] or self.iterations),
+            key=lambda each: sum(each.cycles.values()), default=None,
+        )  # fmt: skip
 
     @property
     def cycles(self) -> dict[str, int]:

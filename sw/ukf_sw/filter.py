@@ -700,12 +700,11 @@ def _placed(
         return None
     # What traces models is imported by those who need it.
     with importing("golden"):
-        from ukf_sw.lowering.placement import place_models
+        from ukf_sw.lowering.placement import find_models, place_models
 
-    placed = place_models(problem, models)
-    digest = 0 if placed is None else placed.models.digest
-    if own.digest != digest and not (wanted and isinstance(backend, str)):
-        raise ValueError(
-            f"models of a core for {problem.name} must be {digest:#010x}, not {own.digest:#010x}"
-        )
-    return placed
+    if wanted and isinstance(backend, str):
+        return place_models(problem, models)
+    there: list[str] = [kind for kind, programs in (("f", own.f), ("h", own.h)) if programs]
+    if frozenset(there) != choose_models(models):
+        raise ValueError(f"models must be those that the core has, {there!r}, not {models!r}")
+    return find_models(problem, own, problem.format)

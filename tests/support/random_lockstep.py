@@ -456,9 +456,8 @@ def models_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str
     for k in range(rounds):
         sensor = int(rng.integers(len(p.models.h)))
         variant = int(rng.integers(len(p.models.h[sensor])))
-        bus.access(
-            Request(MASK.offset, int(rng.choice([0xFFFF_FFFF, int(rng.integers(1 << p.m))])))
-        )
+        mask = int(rng.choice([0xFFFF_FFFF, int(rng.integers(1 << p.m))]))
+        bus.access(Request(MASK.offset, mask))
         step = Step((Step.ITERATE, Step.F, Step.H)[k % 3])
         what = ("run", "reset", "run", "odd", "gate", "missing", "reset")[k // 3 % 7]
         if what == "odd":
@@ -487,6 +486,7 @@ def models_at_random(context: Context, *, seed: int, rounds: int) -> Counter[str
                 15 if what == "missing" else variant,
             )  # fmt: skip
             counts[f"{step.name} code {code}"] += 1
+            counts["masked"] += step is not Step.F and code == 0 and mask != 0xFFFF_FFFF
             if STATUS["GATED"].get(bus.golden.read(STATUS.offset)[0]):
                 counts["gated"] += 1
         bus.verify()

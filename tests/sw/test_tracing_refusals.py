@@ -523,5 +523,5 @@ def test_what_models_raise_has_a_note():
     with pytest.raises(IndexError) as caught:
         graph_of(lambda x, w, u: x[7], 3)
     assert caught.value.__notes__ == [
-        "in process model f (f), traced with x of shape (3,) and w of shape (3,)"
+        "in process model f (f), traced with x of shape (3,), w of shape (3,) and u like 0.5"
     ]

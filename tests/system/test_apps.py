@@ -12,6 +12,7 @@ from support.swampsat_study import study_of
 from ukf_sw.errors import NotFiniteError
 from ukf_sw.problems import catalogue, finding
 from ukf_sw.reference import ReferenceUkf
+from ukf_sw.spec.core import Placement
 from ukf_sw.spec.sequence import Step
 from ukf_tools.cli import console
 from ukf_tools.evaluate import evaluation, swampsat
@@ -63,6 +64,22 @@ def test_run_judges_whole_runs(apps, tmp_path):
     assert 8_000 < image.stat().st_size < 80_000
 
 
+def test_models_on_the_core_are_judged_as_well(apps, tmp_path):
+    """By the same bounds, beside float64: at 1 % but for named exceptions."""
+    made = [json.loads(apps("run", "ctrv-masked", "--models", each, "--json").stdout)
+            for each in ("software", "core")]  # fmt: skip
+    assert [record["models"] for record in made] == ["software", "core"]
+    for record in made:
+        assert record["okay"]
+        assert len(record["verdicts"]) == len(record["rounding"]) == 4
+        assert all(each["high"] == 1.01 * each["reference"] for each in record["rounding"])
+    assert made[0]["verdicts"][0]["value"] != made[1]["verdicts"][0]["value"]
+    assert made[0]["verdicts"][0]["float64"] == made[1]["verdicts"][0]["float64"]
+    plots = [Path(record["plots"][0]).name for record in made]
+    assert plots == ["ctrv-masked-golden.png", "ctrv-masked-golden-models-core.png"]
+    assert (tmp_path / made[1]["plots"][0]).is_file()
+
+
 def test_run_does_not_judge_beginnings(apps):
     result = apps("run", "battery", "--backend", "reference", "--steps", 30, "--output", "out")
     assert "Not judged" in result.stdout
@@ -82,6 +99,11 @@ def test_seeds_matter(apps):
     [
         (["run", "clock"], "NAME must be one of nanosat, "),
         (["run", "ctrv", "--steps", 501], "steps must be between 1 and 500, not 501"),
+        (
+            ["run", "ctrv", "--backend", "reference", "--models", "f"],
+            "--models must be software of the reference, not 'f'",
+        ),
+        (["all", "--models", "cores"], "--models must be one of software, core, f, h, not 'cores'"),
     ],
 )
 def test_mistakes_are_named(apps, arguments, message):
@@ -96,6 +118,39 @@ def test_errors_outside_of_their_bounds_have_an_exit_code(apps, one_entry, tmp_p
     assert "Outside of its bound: pendulum" in result.stdout
     records = json.loads((tmp_path / "out" / "errors.json").read_text())
     assert [verdict["okay"] for verdict in records[0]["verdicts"]] == [False]
+
+
+def test_models_on_the_core_that_are_beyond_have_an_exit_code(apps, one_entry, monkeypatch):
+    """Though with models in software all is well."""
+    judge = evaluation.judge
+
+    def judged(runs, reference):
+        found = judge(runs, reference)
+        worse = 1.02 if runs[0].problem.models else 1.0
+        errors = [replace(each, rms=worse * each.rms) for each in found.errors]
+        return replace(found, errors=tuple(errors))
+
+    monkeypatch.setattr(evaluation, "judge", judged)
+    one_entry("pendulum", runs=1, bounds=())
+    records = json.loads(apps("all", "--json", code=1).stdout)
+    assert [(each["models"], each["okay"]) for each in records] == [
+        ("software", True), ("core", False),
+    ]  # fmt: skip
+
+
+def test_models_on_the_core_may_stop_alone(apps, one_entry, monkeypatch):
+    run = evaluation.run
+
+    def broken(problem, backend, **options):
+        if problem.models:
+            problem = replace(problem, x0=[1e9, 0.0])  # beyond what a sine takes
+        return run(problem, backend, **options)
+
+    monkeypatch.setattr(evaluation, "run", broken)
+    one_entry("pendulum", runs=2)
+    there, here = json.loads(apps("all", "--models", "core,software", "--json", code=1).stdout)
+    assert there["stopped"].startswith("golden, models core, seed 0: ModelNotFiniteError: ")
+    assert (there["runs"], here["runs"], here["okay"]) == (0, 2, True)
 
 
 def test_all_runs_everything(apps, one_entry):
@@ -135,9 +190,18 @@ def test_verilog_runs_an_application(apps, name, monkeypatch):
 
 @pytest.mark.system
 @pytest.mark.slow
+@pytest.mark.parametrize("models", ["software", "core"])
 @pytest.mark.parametrize("name", list(catalogue.CATALOGUE))
-def test_verilog_runs_every_application(apps, name):
-    assert json.loads(apps("run", name, "--backend", "cosim", "--json").stdout)["okay"]
+def test_verilog_runs_every_application(apps, name, models):
+    command = ("run", name, "--backend", "cosim", "--models", models, "--json")
+    record = json.loads(apps(*command).stdout)
+    assert (record["okay"], record["models"], record["steps"]) == (True, models, 30)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(catalogue.CATALOGUE))
+def test_every_application_is_as_accurate_with_models_on_the_core(name):
+    assert evaluation.evaluate(name, models=Placement.CORE).okay
 
 
 @pytest.mark.parametrize("name", list(catalogue.CATALOGUE))

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from support.random_models import any_models, sane_models, with_models
-from ukf_sim.cosimulation import cosimulate
+from ukf_sim.cosimulation import Iteration, Observations, cosimulate
 from ukf_sim.session import Job, run_job
 from ukf_sim.simulators import Simulator, SimulatorError
+from ukf_sw.drivers.driver import Traffic
 from ukf_sw.engine.microcode import microcode
 from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.running import run
 from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE
 from ukf_sw.spec.float_format import BFLOAT16, BINARY16, BINARY32, BINARY64, FloatFormat
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
@@ -126,6 +128,53 @@ def test_icarus_does_everything(core_cache, icarus):
     check_counts(run_job(job, icarus, cache=core_cache).value, params)
 
 
+def test_the_iteration_that_is_shown_is_a_full_one():
+    """Neither the first, which also draws the first sigma points, nor one without an update."""
+
+    def made(*clocks):
+        iterations = tuple(
+            Iteration(cycles=each, traffic=Traffic(starts=k), clocks=0, bus_clocks=0, bus_words=0)
+            for k, each in enumerate(clocks)
+        )
+        return Observations(
+            mismatch=None, words_compared=0, first_cycles={}, iterations=iterations,
+            seconds=0.0, cpu_seconds=0.0,
+        )  # fmt: skip
+
+    first, full, short = {"SIG_GEN": 9, "ITERATE": 50}, {"ITERATE": 50}, {"SIG_GEN": 9, "F": 20}
+    found = made(first, full, short, dict(full), short)
+    assert (found.cycles, found.traffic.starts) == (full, 3)
+    assert made(first).cycles == first
+    assert (made().fullest, made().cycles, made().traffic) == (None, {}, Traffic())
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "each"),
+    [
+        ("pendulum", 5, ["F", "SIG_GEN", "H"]),
+        ("ctrv-masked", 6, ["ITERATE"]),  # two programs of h, an angle, masks
+        ("nanosat", 3, ["ITERATE"]),
+    ],
+)
+def test_applications_with_models_on_the_core(core_cache, name, steps, each):
+    """Bit for bit, in the clocks of the schedule, and with the words that were counted."""
+    recipe = Recipe.of(name, models="core")
+    found = cosimulate(recipe.scenario, steps, cache=core_cache, optimise=False)
+    assert found.okay
+    assert found.words_compared > 200
+    expected = latency(recipe.params, Pipeline(), redraws=found.run.problem.redraws)
+    # In the first step of ctrv nothing is sampled, so that the second draws points as well.
+    regular = found.iterations[2:]
+    assert all([*one.cycles] == each for one in regular)
+    assert max(sum(one.cycles.values()) for one in regular) == expected["total"]
+    # Inputs that have not changed are not written.
+    same = 0 if name == "nanosat" else len(recipe.params.models.inputs)
+    assert {one.traffic.words for one in regular} == {expected["bus_words"] - same}
+    golden = run(recipe.scenario(steps), "golden", covariance=True)
+    np.testing.assert_array_equal(found.run.x, golden.x)
+    np.testing.assert_array_equal(found.run.P, golden.P)
+
+
 def random_core(seed, sensors=1):
     """Random parameters and pipeline. Form and format go round."""
     rng = np.random.default_rng(seed)
@@ -224,20 +273,24 @@ def test_random_cores_with_several_sensors(core_cache, seed, sensors):
 
 def small_core_of_models(seed):
     """A small core with models and its pipeline: every third of any steps, others of functions."""
-    params, pipeline = random_core(seed, 1 + seed % 2)
+    params, pipeline = random_core(seed, 1 + seed // 3 % 2)
     rng, of_any_steps = random.Random(seed), seed % 3 == 2
     # Functions need coefficients of their format.
-    odd = ODD_FORMAT if of_any_steps else BINARY16
-    one_lane = replace(params, format=(BINARY16, BFLOAT16, BINARY32, odd)[seed % 4], pes=1)
+    odd = ODD_FORMAT if of_any_steps else BINARY64
+    one_lane = replace(params, format=(BINARY16, BFLOAT16, BINARY32, odd)[seed // 2 % 4], pes=1)
     small = replace(one_lane, pes=min(params.pes, 2, one_lane.columns))
     if of_any_steps:
         return with_models(small, any_models(rng, small, steps=10, finite=0.95)), pipeline
     return with_models(small, sane_models(rng, small)), pipeline
 
 
+#: Seeds of the usual cores with models, and of those that are slow.
+WITH_MODELS, MORE_WITH_MODELS = (602, 616, 619, 653), range(700, 720)
+
+
 @pytest.mark.parametrize(
     "seed",
-    [600, 602, *(pytest.param(k, marks=pytest.mark.slow) for k in (601, *range(603, 624)))],
+    [*WITH_MODELS, *(pytest.param(seed, marks=pytest.mark.slow) for seed in MORE_WITH_MODELS)],
 )
 def test_random_cores_with_models(core_cache, seed):
     params, pipeline = small_core_of_models(seed)
@@ -250,7 +303,28 @@ def test_random_cores_with_models(core_cache, seed):
         assert sum(counts[f"{step} code {code}"] for code in range(7)) > 0
         assert any(counts[f"reset of {step} in program {number}"] for number in range(4))
     assert counts["ITERATE code 1"] + counts["F code 1"] + counts["H code 1"] > 0
+    assert counts["masked"] > 0
     assert counts["words compared"] > 1000
+
+
+@pytest.mark.parametrize("seeds", [WITH_MODELS, MORE_WITH_MODELS], ids=["usual", "slow"])
+def test_random_cores_with_models_are_of_every_kind(seeds):
+    """Few cores stand for many only if what they have in common is little."""
+    cores = [small_core_of_models(seed)[0] for seed in seeds]
+    assert len(cores) >= (20 if seeds is MORE_WITH_MODELS else 4)
+    assert {(core.form, len(core.sensor_rows)) for core in cores} == {
+        (form, sensors) for form in Form for sensors in (1, 2)
+    }
+    assert {core.pes for core in cores} == {1, 2}
+    assert len({core.format for core in cores}) >= (5 if seeds is MORE_WITH_MODELS else 3)
+    assert {core.W0 == 0.0 for core in cores} == {True, False}
+    for noise in ("process_noise", "observation_noise"):
+        assert {getattr(core, noise) for core in cores} == {Noise.AUGMENTED, Noise.ADDITIVE}
+    # Programs of any steps, and of functions, which read the unit 1/sqrt and the inputs.
+    assert {seed % 3 == 2 for seed in seeds} == {True, False}
+    assert any(len(variants) > 1 for core in cores for variants in core.models.h)
+    assert any(core.models.roots for core in cores)
+    assert any(len({*core.sensor_rows}) > 1 for core in cores)
 
 
 @pytest.mark.slow

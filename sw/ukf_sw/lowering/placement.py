@@ -1,20 +1,23 @@
 """Models of a problem on a core: their programs, and the numbers that it must be told for them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
-from typing import Any
+from typing import Any, cast
 
-from ukf_sw.lowering.program import InputPlace, lower, places_of_inputs
+import numpy as np
+
+from ukf_sw.lowering.program import InputPlace, lower, name_of, places_of_inputs
 from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.model_programs import CoreModels, choose_models
+from ukf_sw.spec.model_programs import CoreModels, ModelProgram, choose_models
 from ukf_sw.tracing.graph import Input
 from ukf_sw.tracing.models import TracedModel, TracedProblem, trace_problem
 from ukf_sw.tracing.symbols import constants, shape_of
 
-__all__ = ["PlacedModels", "place_models"]
+__all__ = ["PlacedModels", "find_models", "place_models"]
 
 #: Inputs with their places in region U.
 Needed = tuple[tuple[int, Input], ...]
@@ -31,12 +34,15 @@ class PlacedModels:
     traced
         What was traced of all models of the problem.
     places
-        Inputs in the order of region U.
+        Inputs in the order of region U; None are those of observation models that are not traced.
+    variants
+        Number on the core of each observation model that was traced, by its sensor.
     """
 
     models: CoreModels
     traced: TracedProblem
-    places: tuple[InputPlace, ...]
+    places: tuple[InputPlace | None, ...]
+    variants: Mapping[str, tuple[int, ...]]
 
     @property
     def f(self) -> bool:
@@ -82,7 +88,7 @@ class PlacedModels:
                 f"{[*expected]!r}, not {[*arguments]!r}"
             )
         chosen = constants(arguments)
-        for variant, model in enumerate(variants):
+        for variant, model in zip(self.variants[sensor], variants, strict=True):
             if dict(model.constants) == chosen:
                 needed = self._needed[sensor, variant]
                 return variant, self._numbers(model, needed, arguments, model.call.keywords)
@@ -99,7 +105,8 @@ class PlacedModels:
         given: Mapping[str, Any],
         example: Mapping[str, Any],
     ) -> dict[int, float]:
-        for name, value in given.items():
+        known = {name: _as_example(value, example[name]) for name, value in given.items()}
+        for name, value in known.items():
             if shape_of(value) != shape_of(example[name]):
                 raise ValueError(
                     f"{name} must have the shape with which {model.name} was traced, "
@@ -107,7 +114,11 @@ class PlacedModels:
                 )
         found: dict[int, float] = {}
         for place, source in needed:
-            number = float(source.of(given))
+            value = source.of(known)
+            try:
+                number = float(value)
+            except (TypeError, ValueError):
+                raise TypeError(f"{source.label} must be a real number, not {value!r}") from None
             if not isfinite(number):
                 raise ValueError(f"{source.label} must be finite, not {number!r}")
             found[place] = number
@@ -120,16 +131,24 @@ class PlacedModels:
         def needed(kind: str, model: TracedModel) -> Needed:
             used = set(model.graph.inputs)
             return tuple(
-                (place, source)
-                for place, (of, source) in enumerate(self.places)
-                if of == kind and source in used
+                (place, entry[1])
+                for place, entry in enumerate(self.places)
+                if entry is not None and entry[0] == kind and entry[1] in used
             )
 
         found: dict[tuple[str, int] | None, Needed] = {None: needed("f", self.traced.f)}
         for sensor, variants in self.traced.h.items():
-            for variant, model in enumerate(variants):
+            for variant, model in zip(self.variants[sensor], variants, strict=True):
                 found[sensor, variant] = needed("h", model)
         return found
+
+
+def _as_example(value: Any, example: Any) -> Any:
+    """Make an array of a list of numbers, as in software, if the example is one."""
+    if isinstance(example, np.ndarray) and isinstance(value, (list, tuple)):
+        with suppress(ValueError):  # of lists of different lengths there is none
+            return np.asarray(cast("Any", value))
+    return cast("Any", value)
 
 
 def place_models(
@@ -156,10 +175,68 @@ def place_models(
     if not which:
         return None
     traced = trace_problem(problem)
+    places = places_of_inputs(_chosen(traced, which))
     return PlacedModels(
-        models=lower(traced, problem, problem.format if fmt is None else fmt, which),
+        models=lower(traced, problem, problem.format if fmt is None else fmt, which, places),
         traced=traced,
-        places=places_of_inputs(
-            [model for model in traced.models if ("f" if model.sensor is None else "h") in which]
-        ),
+        places=places,
+        variants={name: tuple(range(len(own))) for name, own in traced.h.items()},
+    )
+
+
+def find_models(problem: Problem, models: CoreModels, fmt: FloatFormat) -> PlacedModels:
+    """Find the models of a problem among the programs of a core.
+
+    The core may have observation models that the data of the problem do not call for, and all of
+    them in another order.
+
+    Parameters
+    ----------
+    problem
+        The problem. Its data say what the models are called with.
+    models
+        Programs of the core.
+    fmt
+        Its number format.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As :func:`place_models`, or if the core lacks the program of a model.
+    """
+    which = [kind for kind, there in (("f", models.f), ("h", models.h)) if there]
+    traced = trace_problem(problem)
+    found = {name_of(place): place for place in places_of_inputs(_chosen(traced, which))}
+    places = tuple(found.pop(name, None) for name in models.inputs)
+    if found:
+        raise _not_of(problem, models, next(iter(found)))
+    made = lower(traced, problem, fmt, which, places)
+
+    def number(program: ModelProgram, programs: Sequence[ModelProgram]) -> int:
+        for position, other in enumerate(programs):
+            if replace(program, title=other.title) == other:
+                return position
+        raise _not_of(problem, models, program.title)
+
+    if made.f is not None:
+        number(made.f, [program for program in (models.f,) if program is not None])
+    return PlacedModels(
+        models=models,
+        traced=traced,
+        places=places,
+        variants={
+            name: tuple(number(program, on_core) for program in own)
+            for name, own, on_core in zip(traced.h, made.h, models.h, strict=False)
+        },
+    )
+
+
+def _chosen(traced: TracedProblem, which: Collection[str]) -> list[TracedModel]:
+    return [model for model in traced.models if ("f" if model.sensor is None else "h") in which]
+
+
+def _not_of(problem: Problem, models: CoreModels, missing: str) -> ValueError:
+    return ValueError(
+        f"models of a core for {problem.name} must be those of the problem, {missing} among them, "
+        f"not {models.digest:#010x}"
     )

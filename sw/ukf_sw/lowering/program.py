@@ -24,10 +24,16 @@ from ukf_sw.spec.model_programs import (
 from ukf_sw.tracing.graph import Input
 from ukf_sw.tracing.models import TracedModel, TracedProblem
 
-__all__ = ["InputPlace", "lower", "lower_model", "places_of_inputs"]
+__all__ = ["InputPlace", "lower", "lower_model", "name_of", "places_of_inputs"]
 
 #: Which model an input is for, f or h, and how it is written there.
 InputPlace = tuple[str, Input]
+
+
+def name_of(place: InputPlace) -> str:
+    """Give the name of an input, as :class:`CoreModels` has it."""
+    kind, source = place
+    return f"{kind}: {source.label}"
 
 
 def _kind(model: TracedModel) -> str:
@@ -49,6 +55,7 @@ def lower(
     problem: Problem,
     fmt: FloatFormat,
     which: Collection[str] = ("f", "h"),
+    places: Sequence[InputPlace | None] | None = None,
 ) -> CoreModels:
     """Make the programs of the models of a problem.
 
@@ -60,6 +67,8 @@ def lower(
         Number format of the core.
     which
         Models that the core evaluates: f, h or both.
+    places
+        Inputs in the order of region U, where None is not theirs; None are those of the models.
 
     Raises
     ------
@@ -68,8 +77,8 @@ def lower(
     ValueError
         If the format has no coefficients for a function that is needed.
     """
-    models = [model for model in traced.models if _kind(model) in which]
-    places = places_of_inputs(models)
+    if places is None:
+        places = places_of_inputs([model for model in traced.models if _kind(model) in which])
 
     def program(model: TracedModel) -> ModelProgram:
         if model.sensor is None:
@@ -83,14 +92,14 @@ def lower(
         h=tuple(tuple(map(program, models)) for models in traced.h.values())
         if "h" in which
         else (),
-        inputs=tuple(f"{kind}: {source.label}" for kind, source in places),
+        inputs=tuple("" if place is None else name_of(place) for place in places),
     )
 
 
 def lower_model(
     model: TracedModel,
     fmt: FloatFormat,
-    places: Sequence[InputPlace],
+    places: Sequence[InputPlace | None],
     angles: Sequence[int] = (),
     first_term: int = 0,
 ) -> ModelProgram:

@@ -9,14 +9,23 @@ from ukf_sw.problems.finding import find, is_own
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.model_programs import CoreModels
 
-__all__ = ["STEPS", "core_models", "example_of"]
+__all__ = ["core_models", "example_of"]
 
-#: Steps of the data that say what the models are called with.
+#: Steps of data that are made for it, to say what the models are called with.
 STEPS = 100
 
 
-def example_of(name: str, steps: int = STEPS, folder: Path | None = None) -> Problem:
+def example_of(name: str, steps: int | None = None, folder: Path | None = None) -> Problem:
     """Give a problem with the beginning of its data; all of them if there are not as many.
+
+    Parameters
+    ----------
+    name
+        Name of the problem.
+    steps
+        How many; None: all that the user has recorded, 100 of others.
+    folder
+        Where the module of a problem is looked for first; None is the current one.
 
     Raises
     ------
@@ -28,9 +37,9 @@ def example_of(name: str, steps: int = STEPS, folder: Path | None = None) -> Pro
     if problem.data is None:
         return problem
     if entry.own is not None and not callable(problem.data):
-        return problem.with_data(0, min(steps, problem.steps))
+        return problem.with_data(0, min(steps or problem.steps, problem.steps))
     try:
-        return entry.scenario(0, steps)
+        return entry.scenario(0, steps or STEPS)
     except ValueError:
         return entry.scenario(0)
 

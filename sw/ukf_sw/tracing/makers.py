@@ -4,9 +4,9 @@ NumPy asks no argument of ``np.zeros(3)`` or ``np.array([x[0], 1.0])`` what to m
 arrays: of float64, which take no number that records, or of objects, which cannot be compared.
 While a model is traced, these names in the module ``numpy`` therefore stand for functions that make
 arrays that record: for the model and what it calls, but not for NumPy itself, nor for other
-packages and other threads. A name that was imported from NumPy before, as by ``from numpy import
-zeros``, stays what it was. Arrays made by it, or made before the call, can be computed with, but
-not filled with data.
+packages, what is written in C, and other threads. A name that was imported from NumPy before, as by
+``from numpy import zeros``, stays what it was. Arrays made by it, or made before the call, can be
+computed with, but not filled with data.
 """
 
 import functools
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ukf_sw.tracing.places import HERE, calling_module, is_foreign
+from ukf_sw.tracing.places import HERE, calling_module, calls, is_foreign
 
 if TYPE_CHECKING:
     from ukf_sw.tracing.context import Trace
@@ -48,6 +48,8 @@ def tracing_makers(trace: "Trace", package: str) -> Generator[None]:
     package
         Package of the model, for which it holds also if it is installed.
     """
+    from ukf_sw.tracing.values import records
+
     before = {name: getattr(np, name) for name in MAKERS if hasattr(np, name)}
     thread = threading.get_ident()
 
@@ -64,6 +66,9 @@ def tracing_makers(trace: "Trace", package: str) -> Generator[None]:
         @functools.wraps(original)
         def made(*arguments: Any, **options: Any) -> Any:
             if not asked():
+                return original(*arguments, **options)
+            # Without data it may be what a function in C wants, as those that draw random numbers.
+            if not (records((arguments, list(options.values()))) or calls(name, 1)):
                 return original(*arguments, **options)
             return make(trace, original, arguments, options)
 

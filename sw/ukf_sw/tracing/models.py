@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.errors import add_note
 from ukf_sw.factors import lower_factor
 from ukf_sw.models import check_takes
 from ukf_sw.problem import Problem, of_sensor
@@ -159,7 +160,14 @@ def _trace_f(problem: Problem) -> TracedModel:
         positional={"u": inputs[0]},
         keywords={},
     )
-    graph = trace(call)
+    try:
+        graph = trace(call)
+    except Exception as error:
+        if inputs[0] is None:
+            add_note(
+                error, "u is None: there are no inputs in the data of the problem, or no names"
+            )
+        raise
     _compare(problem, call, graph, problem.Q, [{"u": u} for u in _spread(inputs)])
     return TracedModel(call=call, constants={}, graph=graph)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["HERE", "Place", "calling_module", "is_foreign", "place_below"]
+__all__ = ["HERE", "Place", "calling_module", "calls", "is_foreign", "place_below"]
 
 #: Folder of what traces.
 HERE = str(Path(__file__).parent)
@@ -61,12 +61,38 @@ def is_foreign(file: str) -> bool:
     )
 
 
+def _frame(levels: int) -> FrameType | None:
+    """Give the frame so many levels above the caller of what calls this."""
+    frame = inspect.currentframe()
+    for _ in range(levels + 2):
+        frame = frame and frame.f_back
+    return frame
+
+
 def calling_module(levels: int) -> tuple[str, str]:
     """File and package of the frame so many levels above the caller."""
-    frame = inspect.currentframe()
-    for _ in range(levels + 1):
-        frame = frame and frame.f_back
+    frame = _frame(levels)
     return ("", "") if frame is None else (frame.f_code.co_filename, _package(frame))
+
+
+def calls(name: str, levels: int) -> bool:
+    """Whether the frame so many levels above the caller calls a function of this name itself.
+
+    What is written in C has no frame: of all that it calls, who called it seems to be the caller.
+    """
+    frame = _frame(levels)
+    if frame is None:
+        return False
+    place = _place(_Spot(frame, frame.f_lineno, frame.f_lasti))
+    syntax = place.syntax
+    if not (place.exact and syntax):
+        return name in frame.f_code.co_names
+    known = frame.f_globals | frame.f_locals
+    named = {getattr(node, "attr", "") for node in ast.walk(syntax[0])}
+    for node in ast.walk(syntax[0]):
+        if isinstance(node, ast.Name):  # it may have another name here
+            named |= {node.id, str(getattr(known.get(node.id), "__name__", ""))}
+    return name in named
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ alone, with all of Python's branches and loops, becomes constants.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -112,6 +112,17 @@ def _row(graph: Graph, row: int) -> Graph:
     return builder.graph([numbers[graph.outputs[row]]])
 
 
+def _arguments(call: Call, x: TracedArray, noise: TracedArray) -> str:
+    """Say what a model is called with, for messages."""
+    said = [f"x of shape {x.shape}", f"{call.noise} of shape {noise.shape}"]
+    for name, given in (*call.positional.items(), *call.keywords.items()):
+        if isinstance(given, np.ndarray):
+            said.append(f"{name} of shape {np.shape(cast('Any', given))}")
+        else:
+            said.append(f"{name} like {given!r}")
+    return f"{', '.join(said[:-1])} and {said[-1]}"
+
+
 def _record(call: Call) -> Graph:
     """Call the model once."""
     traced = Trace(call.name)
@@ -134,8 +145,7 @@ def _record(call: Call) -> Graph:
         if not isinstance(error, TraceError):
             add_note(
                 error,
-                f"in {call.name}, traced with x of shape {x.shape} and {call.noise} of shape "
-                f"{noise.shape}",
+                f"in {call.name}, traced with {_arguments(call, x, noise)}",
             )
         raise
     values = _checked(call, traced, result)

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from ukf_sw.backends import require_backend
 from ukf_sw.extras import MissingExtraError
+from ukf_sw.spec.core import PARAMETERS, Placement
 from ukf_tools.cli.backends import need_simulation
 from ukf_tools.cli.console import (
     JsonOption,
@@ -27,6 +28,7 @@ from ukf_tools.cli.console import (
     results,
 )
 from ukf_tools.cli.judgement import name_of
+from ukf_tools.cli.lists import entries
 from ukf_tools.cli.paths import folder_option
 
 # What takes long to import is imported by the commands that need it.
@@ -66,6 +68,12 @@ WorkersOption = Annotated[int, typer.Option("--workers", min=1, help="Processes.
 FOLDER = Path("build/apps")
 
 
+def _computer(made: "Evaluation") -> str:
+    """Say what computed, with where the models were if they were not in software."""
+    there = made.models is Placement.SOFTWARE
+    return made.backend if there else f"{made.backend}, models {made.models.value}"
+
+
 def _bound(verdict: "Verdict") -> str:
     """Show a bound, in the colour of the verdict."""
     colour = "green" if verdict.okay else "bold red"
@@ -83,7 +91,7 @@ def _errors_table(made: "Evaluation", judged: "Judgement") -> Table:
     """Make the table of one entry."""
     since = "" if made.settled is None else f", after {made.settled:g} s"
     runs = "" if made.runs == 1 else f", {made.runs} runs"
-    table = Table(title=f"{made.name}, {made.backend}: {made.steps} steps{runs}{since}")
+    table = Table(title=f"{made.name}, {_computer(made)}: {made.steps} steps{runs}{since}")
     columns = (
         "error", "rms", "largest", "rms of float64", "difference", "published or independent",
         "bound",
@@ -160,6 +168,9 @@ def list_entries(as_json: JsonOption = False) -> None:
 def run_command(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Entry, as `ukf apps list` says.")],
     backend: BackendOption = AppBackend.GOLDEN,
+    models: Annotated[
+        Placement, typer.Option("--models", help=PARAMETERS["models"].meaning.doc)
+    ] = Placement.SOFTWARE,
     steps: Annotated[
         int | None,
         typer.Option("--steps", min=1, help="Steps; all by default, a few for a co-simulation."),
@@ -182,8 +193,9 @@ def run_command(
     with progress_teller() as tell, checked():
         try:
             made = evaluate(
-                name, backend.value, steps=steps, seed=seed, output=output, progress=tell
-            )
+                name, backend.value, models=models, steps=steps, seed=seed, output=output,
+                progress=tell,
+            )  # fmt: skip
         except SimulatorError as error:
             fail(str(error), 1)
     if as_json:
@@ -198,6 +210,15 @@ def run_command(
 @needs()
 def run_all(
     backend: BackendOption = AppBackend.GOLDEN,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            "--models",
+            metavar="LIST",
+            help="Where the models are, one run of each: software,core by default, of the "
+            "reference software.",
+        ),
+    ] = None,
     cosim_steps: Annotated[
         int, typer.Option("--cosim-steps", min=0, help="Co-simulate so many steps of each as well.")
     ] = 0,
@@ -218,11 +239,17 @@ def run_all(
         need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_tools.evaluate.evaluation import evaluate_all
+    from ukf_tools.evaluate.evaluation import PLACEMENTS, evaluate_all
 
+    with checked():
+        placements = (
+            list(PLACEMENTS if backend is not AppBackend.REFERENCE else PLACEMENTS[:1])
+            if models is None
+            else entries("--models", models, PARAMETERS["models"], ())
+        )
     evaluations: list[Evaluation] = []
     started = time.perf_counter()
-    with progress_teller() as tell:
+    with progress_teller() as tell, checked():
 
         def keep(made: "list[Evaluation]") -> None:
             evaluations.extend(made)
@@ -233,8 +260,8 @@ def run_all(
         try:
             for k, made in enumerate(
                 evaluate_all(
-                    backend.value, cosim_steps=cosim_steps, seed=seed, output=output,
-                    workers=workers,
+                    backend.value, models=placements, cosim_steps=cosim_steps, seed=seed,
+                    output=output, workers=workers,
                 )
             ):  # fmt: skip
                 keep(made)
@@ -269,7 +296,7 @@ def _print_summary(evaluations: "list[Evaluation]") -> None:
         table.add_column(heading, justify="left" if left else "right")
     kinds = {"maximum": "largest ", "diverged": "diverged: "}
     for made in evaluations:
-        name, backend = made.name, made.backend
+        name, backend = made.name, _computer(made)
         if made.observed is not None:
             words = f"{made.observed.words_compared} words equal"
             verdict = f"[green]{words}[/]" if made.okay else "[bold red]differs[/]"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ukf_sw.problems.finding import find
-from ukf_sw.problems.placing import STEPS, example_of
+from ukf_sw.problems.placing import example_of
 from ukf_sw.spec.fields import parameters_of
 from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.cli.console import JsonOption, checked, needs, print_json
@@ -51,11 +51,14 @@ def show(
         ),
     ] = None,
     steps: Annotated[
-        int,
+        int | None,
         typer.Option(
-            "--steps", min=1, help="Steps of the data to look at for inputs and arguments."
+            "--steps",
+            min=1,
+            help="Steps of the data to look at for inputs and arguments; by default all that are "
+            "recorded, and 100 of what is made.",
         ),
-    ] = STEPS,
+    ] = None,
     pes: Annotated[
         str | None,
         typer.Option(

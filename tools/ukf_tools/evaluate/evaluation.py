@@ -1,8 +1,8 @@
 """Evaluating entries of the catalogue: run on a backend, judged, compared with their bounds."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,16 @@ from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.entry import Entry
 from ukf_sw.problems.finding import find
 from ukf_sw.problems.judging import Judgement, Verdict, judge
+from ukf_sw.problems.placing import core_models
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import Run, run
+from ukf_sw.spec.core import Placement
 from ukf_tools.evaluate.figures import draw, draw_errors
 from ukf_tools.evaluate.workers import mapper
 
-__all__ = ["BACKENDS", "Evaluation", "evaluate", "evaluate_all", "evaluate_in_simulator"]
+__all__ = [
+    "BACKENDS", "PLACEMENTS", "Evaluation", "evaluate", "evaluate_all", "evaluate_in_simulator",
+]  # fmt: skip
 
 #: What can compute an entry.
 BACKENDS = ("reference", "golden", "cosim")
@@ -30,6 +34,9 @@ BACKENDS = ("reference", "golden", "cosim")
 PES = 10
 #: Steps of a co-simulation unless told otherwise; slow sensors have a sample by then.
 COSIM_STEPS = 30
+
+#: Where the models are when all entries are run.
+PLACEMENTS = (Placement.SOFTWARE, Placement.CORE)
 
 Progress = Callable[[str, int, int], None]
 
@@ -42,8 +49,8 @@ class Evaluation:
     ----------
     name, doc, source
         The entry.
-    backend
-        What computed.
+    backend, models
+        What computed, and which models the core evaluated.
     seed, runs
         Seed of the first run, and number of runs.
     steps
@@ -72,6 +79,7 @@ class Evaluation:
     doc: str
     source: str
     backend: str
+    models: Placement = Placement.SOFTWARE
     seed: int
     runs: int
     steps: int | None
@@ -101,6 +109,7 @@ class Evaluation:
         """Give all of it, ready for JSON."""
         record: dict[str, Any] = {
             "name": self.name, "doc": self.doc, "source": self.source, "backend": self.backend,
+            "models": self.models.value,
             "seed": self.seed, "runs": self.runs, "steps": self.steps, "settled": self.settled,
             "stopped": self.stopped,
             "errors": [] if self.judgement is None else self.judgement.as_dict()["errors"],
@@ -120,12 +129,19 @@ class Evaluation:
 
 
 def _unjudged(
-    entry: Entry, backend: str, *, seed: int, runs: int, steps: int | None, stopped: str | None
+    entry: Entry,
+    backend: str,
+    models: Placement,
+    *,
+    seed: int,
+    runs: int,
+    steps: int | None,
+    stopped: str | None,
 ) -> Evaluation:
     """What there is to say before anything is compared."""
     return Evaluation(
-        name=entry.name, doc=entry.doc, source=entry.source, backend=backend, seed=seed, runs=runs,
-        steps=steps, stopped=stopped,
+        name=entry.name, doc=entry.doc, source=entry.source, backend=backend, models=models,
+        seed=seed, runs=runs, steps=steps, stopped=stopped,
     )  # fmt: skip
 
 
@@ -133,6 +149,7 @@ def evaluate(
     name: str,
     backend: str = "golden",
     *,
+    models: Placement = Placement.SOFTWARE,
     steps: int | None = None,
     seed: int = 0,
     output: Path | None = None,
@@ -147,6 +164,8 @@ def evaluate(
         Name of the entry.
     backend
         "reference", "golden", or "cosim": the Verilog, in lockstep with the golden model.
+    models
+        Which models the core evaluates; of the reference they are in software.
     steps
         How many; None is all, or a few for "cosim". Bounds are those of whole runs only.
     seed
@@ -161,7 +180,7 @@ def evaluate(
     Raises
     ------
     ValueError
-        If there is no such entry or backend, or it has fewer steps.
+        If there is no such entry or backend, or it has fewer steps, or cannot have such models.
     SimulatorError
         If the simulator is not installed or fails.
     """
@@ -169,81 +188,132 @@ def evaluate(
         raise ValueError(f"--backend must be one of {', '.join(BACKENDS)}, not {backend!r}")
     if backend == "cosim":
         return evaluate_in_simulator(
-            name, steps=COSIM_STEPS if steps is None else steps, seed=seed, output=output,
-            cache=cache, progress=progress,
+            name, models=models, steps=COSIM_STEPS if steps is None else steps, seed=seed,
+            output=output, cache=cache, progress=progress,
         )  # fmt: skip
+    (made,) = _evaluate_each(name, backend, (models,), steps, seed, output, progress)
+    return made
+
+
+@dataclass
+class _Runs:
+    """Runs of one kind, until one stops."""
+
+    backend: str
+    models: Placement
+    runs: list[Run] = field(default_factory=list[Run])
+    stopped: str | None = None
+    seconds: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """What computes, with where the models are if they are not in software."""
+        there = self.models is Placement.SOFTWARE
+        return self.backend if there else f"{self.backend}, models {self.models.value}"
+
+    def add(self, entry: Entry, seed: int, steps: int | None, progress: Progress | None) -> None:
+        """Run once more."""
+        started = time.perf_counter()
+        problem = entry.scenario(seed, steps)
+        params = replace(problem.params, pes=min(PES, problem.params.columns))
+        models = core_models(entry.name, self.models.value, params.format)
+        label = f"{entry.name}: {self.label}, run {len(self.runs) + 1}"
+        made = run(
+            problem.for_core(replace(params, models=models)), self.backend, ends_at=(UkfError,),
+            progress=None if progress is None else partial(progress, label), every=500,
+        )  # fmt: skip
+        if made.stop is None:
+            self.runs.append(made)
+        else:
+            kind = made.stop.kind.__name__
+            self.stopped = f"{self.label}, seed {seed}: {kind}: {made.stop.message}"
+        self.seconds += time.perf_counter() - started
+
+
+def _evaluate_each(
+    name: str,
+    backend: str,
+    placements: Sequence[Placement],
+    steps: int | None,
+    seed: int,
+    output: Path | None,
+    progress: Progress | None,
+) -> list[Evaluation]:
+    """Evaluate an entry with its models in different places, beside one reference.
+
+    The figure is that of the first; others have none.
+    """
+    if backend == "reference" and any(each is not Placement.SOFTWARE for each in placements):
+        wrong = next(each for each in placements if each is not Placement.SOFTWARE)
+        raise ValueError(f"--models must be software of the reference, not {wrong.value!r}")
     entry = find(name, "NAME")
     entry.check_seed(seed)
-    started = time.perf_counter()
-    found: dict[str, list[Run]] = {kind: [] for kind in ("reference", backend)}
-    stopped = None
+    reference = _Runs("reference", Placement.SOFTWARE)
+    kinds = [_Runs(backend, each) for each in placements]
     for number in range(1 if steps is not None else entry.runs):
         try:
-            stopped = _run_once(entry, found, seed + number, steps, progress)
+            reference.add(entry, seed + number, steps, progress)
+            for kind in kinds:
+                if kind.stopped is None and reference.stopped is None and backend != "reference":
+                    kind.add(entry, seed + number, steps, progress)
         except MissingExtraError as error:
-            stopped = str(error)
-        if stopped is not None:
+            reference.stopped = str(error)
+        if reference.stopped is not None:
             break
-    made = _unjudged(
-        entry, backend, seed=seed, runs=len(found[backend]), steps=None, stopped=stopped
-    )
-    if stopped is None:
-        judgement = judge(found[backend], found["reference"])
-        first = found[backend][0]
-        whole = steps is None or steps == entry.scenario(seed).steps
-        made = replace(
-            made,
-            steps=first.steps,
-            settled=judgement.since,
-            judgement=judgement,
-            verdicts=judgement.compare(entry.bounds) if whole else None,
-            rounding=judgement.compare_with_reference(entry.rounding, entry.exceptions)
-            if whole
-            else None,
-            plots=_plots(entry, backend, found, output),
+    found: list[Evaluation] = []
+    for kind in kinds:
+        own = reference if backend == "reference" else kind
+        stopped = reference.stopped or own.stopped
+        made = _unjudged(
+            entry, backend, kind.models, seed=seed, runs=len(own.runs), steps=None, stopped=stopped
         )
-    return replace(made, seconds=time.perf_counter() - started)
+        if stopped is None:
+            drawn = None if found else output
+            made = _judged(made, entry, own, reference, steps, drawn)
+        # The reference is run once.
+        shared = reference.seconds if not found and own is not reference else 0.0
+        found.append(replace(made, seconds=own.seconds + shared))
+    return found
 
 
-def _run_once(
+def _judged(
+    made: Evaluation,
     entry: Entry,
-    found: Mapping[str, list[Run]],
-    seed: int,
+    own: _Runs,
+    reference: _Runs,
     steps: int | None,
-    progress: Progress | None,
-) -> str | None:
-    """Run an entry on each backend; gives why one stopped, or None."""
-    problem = entry.scenario(seed, steps)
-    problem = replace(problem, pes=min(PES, problem.params.columns))
-    for kind, runs in found.items():
-        label = f"{entry.name}: {kind}, run {len(runs) + 1}"
-        made = run(
-            problem,
-            kind,
-            ends_at=(UkfError,),
-            progress=None if progress is None else partial(progress, label),
-            every=500,
-        )
-        if made.stop is not None:
-            return f"{kind}, seed {seed}: {made.stop.kind.__name__}: {made.stop.message}"
-        runs.append(made)
-    return None
+    output: Path | None,
+) -> Evaluation:
+    """Judge runs that none of which stopped."""
+    judgement = judge(own.runs, reference.runs)
+    first = own.runs[0]
+    whole = steps is None or steps == entry.scenario(made.seed).steps
+    return replace(
+        made,
+        steps=first.steps,
+        settled=judgement.since,
+        judgement=judgement,
+        verdicts=judgement.compare(entry.bounds) if whole else None,
+        rounding=judgement.compare_with_reference(entry.rounding, entry.exceptions)
+        if whole
+        else None,
+        plots=_plots(entry, own, reference, output),
+    )
 
 
-def _plots(
-    entry: Entry, backend: str, found: Mapping[str, list[Run]], output: Path | None
-) -> tuple[Path, ...]:
+def _plots(entry: Entry, own: _Runs, reference: _Runs, output: Path | None) -> tuple[Path, ...]:
     """Draw the first run."""
     if output is None:
         return ()
-    drawn = {"golden model": found["golden"][0]} if backend == "golden" else {}
-    drawn["float64 reference"] = found["reference"][0]
-    return tuple(draw(output, entry, backend, drawn))
+    drawn = {"golden model": own.runs[0]} if own.backend == "golden" else {}
+    drawn["float64 reference"] = reference.runs[0]
+    return tuple(draw(output, entry, own.label.replace(", ", "-").replace(" ", "-"), drawn))
 
 
 def evaluate_in_simulator(
     name: str,
     *,
+    models: Placement = Placement.SOFTWARE,
     steps: int = COSIM_STEPS,
     seed: int = 0,
     pes: int = 1,
@@ -258,6 +328,8 @@ def evaluate_in_simulator(
     ----------
     name
         Name of the entry.
+    models
+        Which models the core evaluates.
     steps
         How many steps.
     seed
@@ -284,12 +356,13 @@ def evaluate_in_simulator(
     started = time.perf_counter()
     tell = progress or (lambda what, done, total: None)
     found = cosimulate(
-        Recipe.of(name, seed=seed, pes=pes).scenario, steps, simulator=simulator, cache=cache,
+        Recipe.of(name, seed=seed, pes=pes, models=models.value).scenario, steps,
+        simulator=simulator, cache=cache,
         progress=lambda phase, done: tell(f"{name}: {phase}", done, steps),
     )  # fmt: skip
     own = found.run
     stopped = None if own.stop is None else own.stop.message
-    made = _unjudged(entry, "cosim", seed=seed, runs=1, steps=own.steps, stopped=stopped)
+    made = _unjudged(entry, "cosim", models, seed=seed, runs=1, steps=own.steps, stopped=stopped)
     made = replace(made, pes=pes, observed=found.observations)
     if own.steps:
         reference = run(own.problem, steps=own.steps)
@@ -302,20 +375,37 @@ def evaluate_in_simulator(
     return replace(made, seconds=time.perf_counter() - started)
 
 
-def _evaluate_both(
-    name: str, *, backend: str, cosim_steps: int, seed: int, output: Path, cache: Path
+def _evaluate_all_of(
+    name: str,
+    *,
+    backend: str,
+    models: Sequence[Placement],
+    cosim_steps: int,
+    seed: int,
+    output: Path,
+    cache: Path,
 ) -> list[Evaluation]:
-    """Run an entry, and co-simulate some of its steps."""
+    """Run an entry with its models in each place, and co-simulate some of its steps."""
     seed = 0 if find(name).recorded else seed
-    made = [evaluate(name, backend, seed=seed, output=output, cache=cache)]
-    if cosim_steps and made[0].stopped is None:
-        made.append(evaluate_in_simulator(name, steps=cosim_steps, seed=seed, cache=cache))
+    if backend == "cosim":
+        return [
+            evaluate(name, backend, models=each, seed=seed, output=output, cache=cache)
+            for each in models
+        ]
+    made = _evaluate_each(name, backend, models, None, seed, output, None)
+    if cosim_steps:
+        made += [
+            evaluate_in_simulator(name, models=each, steps=cosim_steps, seed=seed, cache=cache)
+            for each, found in zip(models, made, strict=True)
+            if found.stopped is None
+        ]
     return made
 
 
 def evaluate_all(
     backend: str = "golden",
     *,
+    models: Sequence[Placement] = PLACEMENTS,
     cosim_steps: int = 0,
     seed: int = 0,
     output: Path,
@@ -329,6 +419,8 @@ def evaluate_all(
     ----------
     backend
         As for :func:`evaluate`.
+    models
+        Where the models are; each entry is run with them in each of these places.
     cosim_steps
         How many steps of each to co-simulate as well; 0 is none.
     seed
@@ -345,7 +437,8 @@ def evaluate_all(
     Yields
     ------
     list of Evaluation
-        Of each entry, in the order of the names; that of the co-simulation comes second.
+        Of each entry, in the order of the names: with the models in each place, then the
+        co-simulations.
 
     Raises
     ------
@@ -355,8 +448,8 @@ def evaluate_all(
         If the simulator is not installed or fails.
     """
     work = partial(
-        _evaluate_both, backend=backend, cosim_steps=cosim_steps, seed=seed, output=output,
-        cache=cache,
+        _evaluate_all_of, backend=backend, models=tuple(models), cosim_steps=cosim_steps,
+        seed=seed, output=output, cache=cache,
     )  # fmt: skip
     with mapper(workers) as spread:
         yield from spread(work, tuple(CATALOGUE) if names is None else tuple(names))
