@@ -176,6 +176,7 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
         if line.startswith("    ") and "p" in line and "/*" not in line
         for word in line.replace(",", " ").split()
     ]
+    assert constants.pop() == 0.0, "an array must not be empty: nothing is told to a core"
     assert numbers.tolist() == [interval, *constants]
     assert interval == 1e-3
     assert constants[:7] == made.x0.tolist()

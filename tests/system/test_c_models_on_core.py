@@ -11,7 +11,7 @@ from support.noting_bus import NotingBus
 from support.rover import AIMED, BAD_U, SENSORS, TURNED, placed_rover, rover, rover_on_c
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.errors import StepError
+from ukf_sw.errors import BusError, StepError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenCore
 from ukf_sw.spec.float_format import BINARY64
@@ -268,6 +268,27 @@ def test_no_sigma_points_cross_the_bus(libraries):
     assert symbols == {"x", "L", "LQ", "LR", "U", "z"}
 
 
+@pytest.mark.parametrize("method", ["update", "iterate"])
+@pytest.mark.parametrize("language", ["C", "Python"])
+def test_after_an_h_that_failed_its_points_are_there(libraries, language, method):
+    """But not after an update that was rejected, which has overwritten them."""
+    c, python, *buses = both(libraries, "augmented", "core")
+    bus = buses[language == "Python"]
+    ukf = c if language == "C" else python
+    ukf.predict(U)
+    arguments = (U, [3.0, 0.0]) if method == "iterate" else ([3.0, 0.0],)
+    bad = {"mode": "near", "scale": -1.0}
+    assert outcome(ukf, method, *arguments, sensor=0, **bad)[0] == ErrorCode.MODEL_H
+    if language == "C":
+        ukf.set_gate(0.01)
+    else:
+        ukf.gate = 0.01
+    for expected in (["H"], ["SIG_GEN", "H"]):
+        before = len(bus.log)
+        assert outcome(ukf, "update", [3.0, 5.0], sensor=0, **AIMED)[0] is False
+        assert starts(bus, before) == expected
+
+
 # Inputs.
 
 
@@ -351,13 +372,35 @@ def test_a_start_writes_all_inputs_again(libraries, language):
         before = len(bus.log)
         ukf.predict(U)
         assert (place in [entry[1] for entry in bus.log[before:]]) == writes
-    for address in (place, place + 4, place + 8):
-        bus.bus.write(address, 0x7FC00000)
+    bus.bus.write(place, 0x7FC00000)  # NaN
     if language == "C":
         c.start(problem.x0, problem.P0, problem.Q, problem.R)
     else:
         python.reset()
     ukf.predict(U)
+
+
+@pytest.mark.parametrize("language", ["C", "Python"])
+def test_an_input_whose_writing_broke_off_is_written_again(libraries, language):
+    """Also if it is to be what it was before: the core may have the other one."""
+    c, python, *buses = both(libraries, "augmented", "core")
+    bus = buses[language == "Python"]
+    ukf = c if language == "C" else python
+    ukf.predict(U)
+    place = MemoryMap(c.params).address("U", 0, 0)
+
+    def written_and_refused(address, word):
+        if address == place:
+            raise BusError(address, "write")
+
+    bus.on_write = written_and_refused
+    with pytest.raises((CFilterError, BusError)):
+        ukf.predict(np.array([0.75, U[1]]))
+    bus.on_write = None
+    ukf.recover()
+    before = len(bus.log)
+    ukf.predict(U)
+    assert [entry[2] for entry in bus.log[before:] if entry[1] == place] == [0x3E800000]
 
 
 # Variants and errors.

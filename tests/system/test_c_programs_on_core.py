@@ -8,7 +8,6 @@ import pytest
 
 from support.problems import change_data
 from support.rover import BAD_U, rover
-from support.turntable import model as turntable
 from ukf_sim.c_in_the_loop.compiler import (
     BARE_METAL_MAIN,
     DRIVER,
@@ -27,8 +26,6 @@ from ukf_sw.spec.float_format import BINARY64
 from ukf_sw.spec.parameters import Form, Noise
 from ukf_sw.spec.registers import ErrorCode
 from ukf_tools.arm.register_server import RegisterServer
-
-from .test_c_models import MODELS
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -89,21 +86,15 @@ def test_all_models_on_the_core_need_no_c_file(redraw, tmp_path):
     assert first_difference(results, golden_results(one, 24)) is not None
 
 
-def test_h_on_the_core_and_f_in_c(tmp_path):
-    """The file has h as well, which is not called."""
-    made = on_core(turntable.augmented.with_data(steps=24), "h")
-    done, results = run(made, tmp_path, models=MODELS)
-    assert done.returncode == 0, done.stderr
-    assert first_difference(results, golden_results(made, 24)) is None
-
-
-def test_f_on_the_core_and_h_in_c(ukf, monkeypatch, tmp_path):
-    ukf("new", "c_half", "--n", 2, "--m", 1)
-    monkeypatch.syspath_prepend(tmp_path / "c_half")
-    made = Recipe.of("c_half.model:problem", models="f").scenario(24)
-    assert made.models.f is not None
-    assert not made.models.h
-    done, results = run(made, tmp_path, models=[tmp_path / "c_half" / "c" / "model.c"])
+@pytest.mark.parametrize("which", ["f", "h"])
+def test_one_model_on_the_core_and_the_other_in_c(ukf, monkeypatch, tmp_path, which):
+    """The file has both; that of the core is not called."""
+    name = f"c_half_{which}"
+    ukf("new", name, "--n", 2, "--m", 1)
+    monkeypatch.syspath_prepend(tmp_path / name)
+    made = Recipe.of(f"{name}.model:problem", models=which).scenario(24)
+    assert (made.models.f is None, not made.models.h) == (which == "h", which == "f")
+    done, results = run(made, tmp_path, models=[tmp_path / name / "c" / "model.c"])
     assert done.returncode == 0, done.stderr
     assert first_difference(results, golden_results(made, 24)) is None
 
@@ -113,7 +104,7 @@ def test_single_precision(tmp_path):
     made = on_core(with_gaps(), "core")
     done, results = run(made, tmp_path, flags=("-DUKF_REAL=float",))
     assert done.returncode == 0, done.stderr
-    assert np.abs(results.x - golden_results(made, 24).x).max() < 1e-5
+    assert np.abs(results.x - golden_results(made, 24).x).max() < 1e-4
 
 
 def test_a_model_that_is_not_finite_loses_a_step(tmp_path):

@@ -285,6 +285,23 @@ def test_every_access_may_fail(libraries, allowed, case, name, done):
     assert len(outcomes) > 5
 
 
+@pytest.mark.parametrize("language", ["C", "Python"])
+def test_there_is_nothing_to_undo_if_f_has_failed(libraries, language):
+    """Also if what tells that, the last access of an iterate, is broken off."""
+    case = Case(language, "core")
+    ukf, bus = case.start(libraries)
+    bus.break_at(None, False)
+    assert attempt(OPERATIONS["iterate with a bad f"], ukf, case) is Result.MODEL_F
+    last = bus.count
+    ukf, bus = case.start(libraries)
+    bus.break_at(last, False)
+    assert attempt(OPERATIONS["iterate with a bad f"], ukf, case) is Result.BUS_ERROR
+    bus.break_at(None, False)
+    ukf.recover()
+    with pytest.raises((CFilterError, ValueError)):
+        ukf.undo_predict()
+
+
 @pytest.mark.parametrize("interrupt", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("end", ["late", "never", "lost", "handled"])
 @pytest.mark.parametrize(
