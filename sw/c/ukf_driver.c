@@ -389,7 +389,8 @@ static bool is_supported(const struct ukf_core *core)
            in_range(core->m, 1u, UKF_MAX_SIZE) && core->q <= UKF_MAX_SIZE &&
            core->r <= UKF_MAX_SIZE && core->points == length + 2u &&
            (core->additive_r == 0u || core->r == 0u || core->r == core->m) &&
-           (core->sensors & 1u) != 0u && (core->sensors & ~bits_of_rows(core->m)) == 0u;
+           (core->sensors & 1u) != 0u && (core->sensors & ~bits_of_rows(core->m)) == 0u &&
+           core->inputs_of_f <= core->input_count && core->inputs_of_h <= core->input_count;
 }
 
 /** A field that the core must have. */

@@ -86,9 +86,10 @@ struct ukf_range {
  * Whatever a call that does not return UKF_OK was to read is not to be used.
  *
  * - Nothing has been done, and that is certain, with UKF_NOT_FINITE, UKF_SINGULAR_OBSERVATION,
- *   UKF_NOT_POSITIVE_DEFINITE, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those that say that something
- *   has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED, UKF_NOT_RECOVERED. But a ukf_start() with
- *   UKF_NOT_FINITE is in doubt: x and P have been written before the core refuses Q or R.
+ *   UKF_NOT_POSITIVE_DEFINITE, UKF_MODEL_F, UKF_MODEL_H, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those
+ *   that say that something has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED,
+ *   UKF_NOT_RECOVERED. But a ukf_start() with UKF_NOT_FINITE is in doubt: x and P have been written
+ *   before the core refuses Q or R. And of a ukf_iterate() the prediction may have been made.
  * - UKF_BUS_ERROR of a call that had only begun to read an estimate leaves no doubt either.
  * - Whether what was asked for has been done is open with UKF_BUS_ERROR otherwise, UKF_TIMEOUT,
  *   UKF_STEP_LOST, UKF_ILLEGAL_STEP, and codes that are not known: go on with ukf_recover().
@@ -127,7 +128,7 @@ struct ukf_fault {
     uint32_t code;     /**< ERROR.CODE. */
     /**
      * ERROR.INDEX, a row of x or of the z of all sensors, whichever was updated; for UKF_BAD_MODEL a
-     * row of what the model gave.
+     * row of what the model gave; for an input that was never set its place.
      */
     uint32_t index;
     uint32_t state;    /**< STATUS.STATE when a step was given up: UKF_STEP_... */

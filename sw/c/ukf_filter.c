@@ -36,7 +36,7 @@ struct ukf_range ukf_terms_of(const struct ukf_core *core, const struct ukf_mode
     return terms;
 }
 
-/** Whether all models are there, here or on the core, and the sensors have the noise terms of the core. */
+/** Whether all models are there or on the core, and the sensors have its noise terms. */
 static bool are_complete(const struct ukf_core *core, const struct ukf_models *models)
 {
     uint32_t terms = 0;

@@ -1,5 +1,6 @@
 """C applications whose models are on the core, whole or in part: programs on a golden model."""
 
+import json
 import subprocess
 from dataclasses import replace
 
@@ -25,6 +26,7 @@ from ukf_sw.problems.scenario_files import HEADER, export_scenario, read_results
 from ukf_sw.spec.float_format import BINARY64
 from ukf_sw.spec.parameters import Form, Noise
 from ukf_sw.spec.registers import ErrorCode
+from ukf_tools.arm.emulator import arm_available
 from ukf_tools.arm.register_server import RegisterServer
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
@@ -148,6 +150,30 @@ def test_the_program_without_an_operating_system(tmp_path):
     ).stdout.split()
     assert not [name for name in symbols if name.startswith("ukf")]
     assert "ukf_scenario_core_input" in (tmp_path / HEADER).read_text()
+
+
+@pytest.mark.skipif(
+    not arm_available(), reason="gcc-arm-linux-gnueabihf or qemu-user is not installed"
+)
+def test_on_the_arm(ukf):
+    """No sigma points cross the bus: few words are left."""
+    options = ("--problem", "battery", "--models", "core", "--steps", 8, "--json")
+    record = json.loads(ukf("c-arm", *options).stdout)
+    assert record["mismatch"] is None
+    assert (record["steps"], record["errors"]) == (8, 0)
+    assert record["words"] < 8 * 24 + 100
+
+
+@pytest.mark.system
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["nanosat", "battery", "ctrv"])
+def test_any_problem_on_the_verilog(ukf_with_cores, name):
+    """Bit for bit, without a C file: inputs, arguments of h, variants, angles."""
+    options = ("--problem", name, "--models", "core", "--pes", 2, "--steps", 60, "--json")
+    record = json.loads(ukf_with_cores("c-loop", *options).stdout)
+    assert record["mismatch"] is None
+    assert (record["steps"], record["errors"]) == (60, 0)
+    assert record["words_per_iteration"] < 40
 
 
 # Files.
