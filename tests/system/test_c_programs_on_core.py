@@ -71,7 +71,9 @@ def run(problem, folder, *, models=(), flags=PLAIN, scenario=None):
     return done, read_results(folder / "results", problem.params, scenario.record.steps)
 
 
-@pytest.mark.parametrize("redraw", [False, True], ids=["plain", "redrawing"])
+@pytest.mark.parametrize(
+    "redraw", [pytest.param(False, marks=pytest.mark.slow), True], ids=["plain", "redrawing"]
+)
 def test_all_models_on_the_core_need_no_c_file(redraw, tmp_path):
     """Two sensors with gaps, arguments of h, variants; the checks of a compiler, and binary64."""
     kind = WIDE if redraw else {}
@@ -88,7 +90,7 @@ def test_all_models_on_the_core_need_no_c_file(redraw, tmp_path):
     assert first_difference(results, golden_results(one, 24)) is not None
 
 
-@pytest.mark.parametrize("which", ["f", "h"])
+@pytest.mark.parametrize("which", ["f", pytest.param("h", marks=pytest.mark.slow)])
 def test_one_model_on_the_core_and_the_other_in_c(ukf, monkeypatch, tmp_path, which):
     """The file has both; that of the core is not called."""
     name = f"c_half_{which}"
@@ -101,6 +103,7 @@ def test_one_model_on_the_core_and_the_other_in_c(ukf, monkeypatch, tmp_path, wh
     assert first_difference(results, golden_results(made, 24)) is None
 
 
+@pytest.mark.slow
 def test_single_precision(tmp_path):
     """Only the factors of P0, Q and R are computed in software; the rest is the core's."""
     made = on_core(with_gaps(), "core")
@@ -155,6 +158,7 @@ def test_the_program_without_an_operating_system(tmp_path):
 @pytest.mark.skipif(
     not arm_available(), reason="gcc-arm-linux-gnueabihf or qemu-user is not installed"
 )
+@pytest.mark.slow
 def test_on_the_arm(ukf):
     """No sigma points cross the bus: few words are left."""
     options = ("--problem", "battery", "--models", "core", "--steps", 8, "--json")

@@ -250,22 +250,25 @@ CASES = [
 TRIALS = [(case, name) for case in CASES for name in OPERATIONS if there(name, case.which)]
 #: What is tried in the usual tests: with a prediction that has yet to be factorised, and without.
 PREDICTED, FRESH = Case("C", "core", predicted=True), Case("C", "core")
-USUAL = [
-    (PREDICTED, "predict"), (PREDICTED, "update"), (PREDICTED, "iterate with a bad h"),
-    (FRESH, "iterate"), (FRESH, "iterate with a bad f"), (Case("C", "f"), "predict"),
-]  # fmt: skip
+USUAL = [(PREDICTED, "predict"), (PREDICTED, "iterate with a bad h"), (FRESH, "iterate")]
+#: Steps that may fail to end: of what is not refused.
+STEPS = [
+    (case, name)
+    for case in (PREDICTED, FRESH, *(case for case in CASES if case.language == "Python"))
+    for name in ("predict", "update", "iterate", "rejected iterate")
+]
 
 
-def some(usual):
-    """All trials; those that are not usual are slow."""
+def some(trials, usual):
+    """Trials; those that are not usual are slow."""
     return [
         trial if trial in usual else pytest.param(*trial, marks=pytest.mark.slow)
-        for trial in TRIALS
+        for trial in trials
     ]
 
 
 @pytest.mark.parametrize("done", [pytest.param(False, marks=pytest.mark.slow), True])
-@pytest.mark.parametrize(("case", "name"), some(USUAL), ids=str)
+@pytest.mark.parametrize(("case", "name"), some(TRIALS, USUAL), ids=str)
 def test_every_access_may_fail(libraries, allowed, case, name, done):
     expected = allowed(case, name)
     outcomes = []
@@ -305,7 +308,7 @@ def test_there_is_nothing_to_undo_if_f_has_failed(libraries, language):
 @pytest.mark.parametrize("interrupt", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("end", ["late", "never", "lost", "handled"])
 @pytest.mark.parametrize(
-    ("case", "name"), some([(PREDICTED, "update"), (FRESH, "iterate")]), ids=str
+    ("case", "name"), some(STEPS, [(PREDICTED, "update"), (FRESH, "iterate")]), ids=str
 )
 def test_every_step_may_fail_to_end(libraries, allowed, case, name, end, interrupt):
     """It ends after the time-out, or never, or somebody else resets the core; or it ends just when
