@@ -1088,7 +1088,7 @@ MUTANTS = [
     Mutant(
         "C driver: an F that broke off is a prediction", "sw/c/ukf_driver.c",
         "driver->step != UKF_STEP_F;", "driver->step != UKF_STEP_IDLE + 100u;",
-        f"{C_RECOVERY_OF_MODELS} -k access",
+        f"{C_RECOVERY_OF_MODELS} -k undone",
     ),
     Mutant(
         "C driver: an iterate whose f has failed is a prediction", "sw/c/ukf_driver.c",

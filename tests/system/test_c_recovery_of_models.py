@@ -289,6 +289,22 @@ def test_every_access_may_fail(libraries, allowed, case, name, done):
 
 
 @pytest.mark.parametrize("language", ["C", "Python"])
+def test_a_predict_that_broke_off_is_undone(libraries, language):
+    """Wherever that was: the last access tells whether f has failed."""
+    case = Case(language, "core", known=True)
+    for access in count(1):
+        ukf, bus = case.start(libraries)
+        x = ukf.x
+        bus.break_at(access, True)
+        if attempt(OPERATIONS["predict"], ukf, case) is Result.OK:
+            break
+        bus.break_at(None, False)
+        ukf.recover()
+        assert np.array_equal(ukf.x, x)
+    assert access > 3
+
+
+@pytest.mark.parametrize("language", ["C", "Python"])
 def test_there_is_nothing_to_undo_if_f_has_failed(libraries, language):
     """Also if what tells that, the last access of an iterate, is broken off."""
     case = Case(language, "core")
