@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "ukf_internal.h"
 #include "ukf_registers.h"
 
 #define EVENTS (UKF_INTERRUPT_PENDING_DONE_MASK | UKF_INTERRUPT_PENDING_ERROR_MASK)
@@ -68,17 +69,15 @@ enum ukf_result ukf_driver_check(const struct ukf_driver *driver)
     return driver->doubtful ? UKF_NOT_RECOVERED : UKF_OK;
 }
 
-/** Whether a step that ended so has changed nothing. */
-static bool is_refusal(enum ukf_result result)
+bool ukf_is_refusal(enum ukf_result result)
 {
     return result == UKF_NOT_FINITE || result == UKF_SINGULAR_OBSERVATION ||
            result == UKF_NOT_POSITIVE_DEFINITE || result == UKF_MODEL_F || result == UKF_MODEL_H;
 }
 
-/** Note that what was done may have changed the core, unless it is certain that it has not. */
-static enum ukf_result judged(struct ukf_driver *driver, enum ukf_result result)
+enum ukf_result ukf_driver_judged(struct ukf_driver *driver, enum ukf_result result)
 {
-    driver->doubtful = driver->doubtful || !(result == UKF_OK || is_refusal(result));
+    driver->doubtful = driver->doubtful || !(result == UKF_OK || ukf_is_refusal(result));
     return result;
 }
 
@@ -170,7 +169,7 @@ static enum ukf_result put(struct ukf_driver *driver, uint32_t address, uint32_t
         return result;
     }
     return port->write(port->context, address, word) ? UKF_OK
-                                                     : judged(driver, refused(driver, address));
+                                                     : ukf_driver_judged(driver, refused(driver, address));
 }
 
 /* Numbers and words. Subnormal numbers are zeros of their sign, and there is one NaN. */
@@ -291,24 +290,37 @@ enum ukf_result ukf_driver_read(struct ukf_driver *driver, uint32_t base, uint32
     return UKF_OK;
 }
 
-enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
-                                 uint32_t columns, uint32_t stride, const ukf_real *values)
+/** Forget what the core no longer has once a region is written. */
+static void forget(struct ukf_driver *driver, uint32_t base)
 {
     const struct ukf_core *core = driver->core;
-    enum ukf_result result = ukf_driver_check(driver);
+    const bool noise =
+        base == core->process_noise_factor || base == core->observation_noise_factor;
 
-    if (result != UKF_OK) {
-        return result;
-    }
     if (base == core->state) {
         driver->x_known = false;
     }
     if (base == core->factor) {
         driver->predicted = false; /* L replaces the covariance of a prediction */
     }
-    if (base == core->process_noise_factor || base == core->observation_noise_factor) {
+    if (noise) {
         driver->initialised = false;
     }
+    if (noise || base == core->state || base == core->factor) {
+        driver->drawn = false;
+        driver->propagated = false;
+    }
+}
+
+enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint32_t rows,
+                                 uint32_t columns, uint32_t stride, const ukf_real *values)
+{
+    enum ukf_result result = ukf_driver_check(driver);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    forget(driver, base);
     for (uint32_t i = 0; i < rows; i++) {
         for (uint32_t j = 0; j < columns; j++) {
             const uint32_t address =
@@ -323,11 +335,16 @@ enum ukf_result ukf_driver_write(struct ukf_driver *driver, uint32_t base, uint3
     return UKF_OK;
 }
 
+bool ukf_driver_same(const struct ukf_driver *driver, ukf_real value, ukf_real other)
+{
+    return to_word(driver, value) == to_word(driver, other);
+}
+
 static bool same_words(const struct ukf_driver *driver, const ukf_real *values,
                        const ukf_real *others, uint32_t count)
 {
     for (uint32_t i = 0; i < count; i++) {
-        if (to_word(driver, values[i]) != to_word(driver, others[i])) {
+        if (!ukf_driver_same(driver, values[i], others[i])) {
             return false;
         }
     }
@@ -372,7 +389,8 @@ static bool is_supported(const struct ukf_core *core)
            in_range(core->m, 1u, UKF_MAX_SIZE) && core->q <= UKF_MAX_SIZE &&
            core->r <= UKF_MAX_SIZE && core->points == length + 2u &&
            (core->additive_r == 0u || core->r == 0u || core->r == core->m) &&
-           (core->sensors & 1u) != 0u && (core->sensors & ~bits_of_rows(core->m)) == 0u;
+           (core->sensors & 1u) != 0u && (core->sensors & ~bits_of_rows(core->m)) == 0u &&
+           core->inputs_of_f <= core->input_count && core->inputs_of_h <= core->input_count;
 }
 
 /** A field that the core must have. */
@@ -460,6 +478,8 @@ static enum ukf_result reset(struct ukf_driver *driver)
     enum ukf_result result;
 
     driver->initialised = false;
+    driver->drawn = false;
+    driver->propagated = false;
     driver->mask_known = false;
     driver->x_known = false;
     result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | UKF_CONTROL_RESET_MASK);
@@ -513,20 +533,24 @@ static enum ukf_result wait_for(struct ukf_driver *driver, bool interrupts, uint
 static uint32_t bit_of(uint32_t step)
 {
     _Static_assert(UKF_CONTROL_INIT_MASK == UKF_STATUS_INIT_MASK, "start and done bits");
-    _Static_assert(UKF_CONTROL_COVARIANCE_MASK == UKF_STATUS_COVARIANCE_MASK, "start, done bits");
+    _Static_assert(UKF_CONTROL_ITERATE_MASK == UKF_STATUS_ITERATE_MASK, "start and done bits");
+    _Static_assert(UKF_CONTROL_ITERATE_MASK ==
+                       UKF_CONTROL_INIT_MASK << (UKF_STEP_ITERATE - UKF_STEP_INIT),
+                   "bits in the order of the steps");
     return UKF_CONTROL_INIT_MASK << (step - UKF_STEP_INIT);
 }
 
 /** Start a step and see how it ends: STATUS, and ERROR.CODE as a result. */
 static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
-                                      uint32_t *status)
+                                      uint32_t variant, uint32_t *status)
 {
     enum ukf_result result;
     uint32_t error;
     uint32_t code;
 
     result = put(driver, UKF_CONTROL_OFFSET, UKF_CONTROL_ENABLE_MASK | bit_of(step) |
-                                                 sensor << UKF_CONTROL_SENSOR_SHIFT);
+                                                 sensor << UKF_CONTROL_SENSOR_SHIFT |
+                                                 variant << UKF_CONTROL_VARIANT_SHIFT);
     if (result == UKF_OK) {
         result = wait_for(driver, driver->port->wait != NULL, status);
     }
@@ -558,22 +582,61 @@ static enum ukf_result start_and_wait(struct ukf_driver *driver, uint32_t step, 
     return code < UKF_FIRST_OWN_RESULT ? (enum ukf_result)code : UKF_UNKNOWN_ERROR;
 }
 
-/** Run a step; which sensor's matters to UPDATE only. */
-static enum ukf_result run(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
-                           uint32_t *status)
+/** Run a step, with a variant of a sensor's model. */
+static enum ukf_result run_of(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
+                              uint32_t variant, uint32_t *status)
 {
+    const bool propagated = driver->propagated;
     enum ukf_result result = ukf_driver_check(driver);
 
     if (result != UKF_OK) {
         return result;
     }
     driver->step = step;
-    result = judged(driver, start_and_wait(driver, step, sensor, status));
+    driver->drawn = false;
+    driver->propagated = false;
+    result = ukf_driver_judged(driver, start_and_wait(driver, step, sensor, variant, status));
+    if (result == UKF_OK) {
+        driver->drawn = (*status & UKF_STATUS_POINTS_MASK) != 0u;
+        driver->propagated = step == UKF_STEP_PREDICT || step == UKF_STEP_F ||
+                             (propagated && step == UKF_STEP_COVARIANCE);
+    }
     /* A step that is illegal has not begun; but PREDICT has its points overwritten before. */
-    if (!driver->doubtful || (result == UKF_ILLEGAL_STEP && step != UKF_STEP_PREDICT)) {
+    if (!driver->doubtful || (result == UKF_ILLEGAL_STEP && step != UKF_STEP_PREDICT &&
+                              step != UKF_STEP_ITERATE)) {
         driver->step = UKF_STEP_IDLE;
     }
     return result;
+}
+
+enum ukf_result ukf_driver_run(struct ukf_driver *driver, uint32_t step, uint32_t *status)
+{
+    return run_of(driver, step, 0u, 0u, status);
+}
+
+enum ukf_result ukf_driver_correct(struct ukf_driver *driver, uint32_t step, uint32_t sensor,
+                                   uint32_t variant, ukf_real *nis, bool *gated)
+{
+    const bool known = driver->x_known;
+    enum ukf_result result;
+    uint32_t status;
+
+    driver->x_known = false;
+    result = run_of(driver, step, sensor, variant, &status);
+    if (result != UKF_OK) {
+        return result;
+    }
+    *gated = (status & UKF_STATUS_GATED_MASK) != 0u;
+    driver->x_known = known && *gated;
+    driver->predicted = driver->predicted && *gated;
+    /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
+    _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");
+    return ukf_driver_judged(driver, get_number(driver, UKF_NIS_LOW_OFFSET, nis));
+}
+
+enum ukf_result ukf_driver_status(struct ukf_driver *driver, uint32_t *status)
+{
+    return ukf_driver_judged(driver, get(driver, UKF_STATUS_OFFSET, status));
 }
 
 enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
@@ -582,7 +645,7 @@ enum ukf_result ukf_driver_initialise(struct ukf_driver *driver)
     uint32_t status;
 
     if (!driver->initialised) {
-        result = run(driver, UKF_STEP_INIT, 0u, &status);
+        result = ukf_driver_run(driver, UKF_STEP_INIT, &status);
         driver->initialised = result == UKF_OK;
     }
     return result;
@@ -595,7 +658,7 @@ enum ukf_result ukf_driver_generate(struct ukf_driver *driver)
 
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_SIG_GEN, 0u, &status);
+        result = ukf_driver_run(driver, UKF_STEP_SIG_GEN, &status);
     }
     driver->predicted = driver->predicted && result != UKF_OK;
     return result;
@@ -672,9 +735,9 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points)
     }
     result = put_points(driver, core->state_points, core->n, points);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_PREDICT, 0u, &status);
+        result = ukf_driver_run(driver, UKF_STEP_PREDICT, &status);
     }
-    if (is_refusal(result)) {
+    if (ukf_is_refusal(result)) {
         driver->predicted = false;
     }
     for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
@@ -687,8 +750,7 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points)
     return result;
 }
 
-/** Write MASK with other bits for the rows of a sensor; those of the others stay. */
-static enum ukf_result put_mask(struct ukf_driver *driver, struct ukf_range rows, uint32_t mask)
+enum ukf_result ukf_driver_mask(struct ukf_driver *driver, struct ukf_range rows, uint32_t mask)
 {
     const uint32_t before = driver->mask_known ? driver->mask : bits_of_rows(driver->core->m);
     const uint32_t own = bits_of_rows(rows.count);
@@ -711,8 +773,6 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
     const struct ukf_core *core = driver->core;
     struct ukf_range rows;
     uint32_t offset;
-    uint32_t status;
-    bool known;
 
     if (result != UKF_OK) {
         return result;
@@ -730,23 +790,11 @@ enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
         result = ukf_driver_write(driver, core->observation + offset, rows.count, 1u, 1u, z);
     }
     if (result == UKF_OK) {
-        result = put_mask(driver, rows, mask);
+        result = ukf_driver_mask(driver, rows, mask);
     }
-    if (result != UKF_OK) {
-        return result;
-    }
-    known = driver->x_known;
-    driver->x_known = false;
-    result = run(driver, UKF_STEP_UPDATE, sensor, &status);
-    if (result != UKF_OK) {
-        return result;
-    }
-    *gated = (status & UKF_STATUS_GATED_MASK) != 0u;
-    driver->x_known = known && *gated;
-    driver->predicted = driver->predicted && *gated;
-    /* NIS_HIGH follows NIS_LOW as the upper word of a number follows the lower one. */
-    _Static_assert(UKF_NIS_HIGH_OFFSET == UKF_NIS_LOW_OFFSET + 4u, "NIS is one number");
-    return judged(driver, get_number(driver, UKF_NIS_LOW_OFFSET, nis));
+    return result == UKF_OK
+               ? ukf_driver_correct(driver, UKF_STEP_UPDATE, sensor, 0u, nis, gated)
+               : result;
 }
 
 enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
@@ -757,7 +805,7 @@ enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P)
 
     result = ukf_driver_initialise(driver);
     if (result == UKF_OK) {
-        result = run(driver, UKF_STEP_COVARIANCE, 0u, &status);
+        result = ukf_driver_run(driver, UKF_STEP_COVARIANCE, &status);
     }
     for (uint32_t i = 0; result == UKF_OK && i < core->n; i++) {
         result = ukf_driver_read(driver, core->covariance + i * core->row_stride, 1u, i + 1u,
@@ -829,7 +877,8 @@ static enum ukf_result find_factor(struct ukf_driver *driver)
     uint32_t events = EVENTS;
     enum ukf_result result = UKF_OK;
 
-    if (driver->step != UKF_STEP_SIG_GEN && driver->step != UKF_STEP_UPDATE) {
+    if (driver->step != UKF_STEP_SIG_GEN && driver->step != UKF_STEP_UPDATE &&
+        driver->step != UKF_STEP_H && driver->step != UKF_STEP_ITERATE) {
         return UKF_OK;
     }
     if (driver->dropping) {
@@ -841,17 +890,24 @@ static enum ukf_result find_factor(struct ukf_driver *driver)
 /** Get the core into a state that is known. */
 static enum ukf_result find_out(struct ukf_driver *driver)
 {
-    const bool predicted = driver->predicted && driver->step != UKF_STEP_PREDICT;
+    const bool predicted = driver->predicted && driver->step != UKF_STEP_PREDICT &&
+                           driver->step != UKF_STEP_F;
     uint32_t status;
     enum ukf_result result = come_to_rest(driver, &status);
 
+    driver->drawn = false;
+    driver->propagated = false;
     if (result == UKF_OK && predicted && (status & UKF_STATUS_INITIALISED_MASK) != 0u) {
         /* The core has not been reset, so its flags are true. */
-        if ((status & UKF_STATUS_POINTS_MASK) == 0u) {
+        const bool drawn = (status & UKF_STATUS_POINTS_MASK) != 0u;
+        const bool failed = driver->step == UKF_STEP_ITERATE && /* in f or PREDICT */
+                            (status & UKF_STATUS_RESIDUALS_MASK) == 0u;
+
+        if (!drawn && !failed) {
             driver->initialised = true;
             return enable_interrupts(driver);
         }
-        driver->predicted = false;
+        driver->predicted = driver->predicted && !drawn;
     } else if (result == UKF_OK && predicted) {
         result = find_factor(driver);
     }

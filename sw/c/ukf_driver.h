@@ -12,6 +12,7 @@
 #ifndef UKF_DRIVER_H
 #define UKF_DRIVER_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -60,6 +61,10 @@ struct ukf_core {
     uint32_t process_noise_factor;
     uint32_t observation_noise_factor;
     uint32_t inputs;
+    /* Numbers of region U, which the models on the core take. */
+    uint32_t input_count;
+    uint32_t inputs_of_f; /**< As many of the first ones are for f. */
+    uint32_t inputs_of_h; /**< As many of the last ones are for h. */
 };
 
 /** Rows that belong together, as those of a sensor. */
@@ -81,9 +86,10 @@ struct ukf_range {
  * Whatever a call that does not return UKF_OK was to read is not to be used.
  *
  * - Nothing has been done, and that is certain, with UKF_NOT_FINITE, UKF_SINGULAR_OBSERVATION,
- *   UKF_NOT_POSITIVE_DEFINITE, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those that say that something
- *   has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED, UKF_NOT_RECOVERED. But a ukf_start() with
- *   UKF_NOT_FINITE is in doubt: x and P have been written before the core refuses Q or R.
+ *   UKF_NOT_POSITIVE_DEFINITE, UKF_MODEL_F, UKF_MODEL_H, UKF_BAD_ARGUMENT, UKF_BAD_MODEL, and those
+ *   that say that something has to be called first: UKF_NOT_OPEN, UKF_NOT_STARTED,
+ *   UKF_NOT_RECOVERED. But a ukf_start() with UKF_NOT_FINITE is in doubt: x and P have been written
+ *   before the core refuses Q or R. And of a ukf_iterate() the prediction may have been made.
  * - UKF_BUS_ERROR of a call that had only begun to read an estimate leaves no doubt either.
  * - Whether what was asked for has been done is open with UKF_BUS_ERROR otherwise, UKF_TIMEOUT,
  *   UKF_STEP_LOST, UKF_ILLEGAL_STEP, and codes that are not known: go on with ukf_recover().
@@ -122,7 +128,7 @@ struct ukf_fault {
     uint32_t code;     /**< ERROR.CODE. */
     /**
      * ERROR.INDEX, a row of x or of the z of all sensors, whichever was updated; for UKF_BAD_MODEL a
-     * row of what the model gave.
+     * row of what the model gave; for an input that was never set its place.
      */
     uint32_t index;
     uint32_t state;    /**< STATUS.STATE when a step was given up: UKF_STEP_... */
@@ -152,6 +158,8 @@ struct ukf_driver {
      */
     bool predicted;
     ukf_real before[UKF_MAX_SIZE];
+    bool drawn;               /**< X surely holds sigma points of the estimate, */
+    bool propagated;          /**< or those of a prediction, which an h on the core may take. */
     bool x_known;             /**< `x` has been read, and nothing since may have changed it. */
     ukf_real x[UKF_MAX_SIZE]; /**< The state in the core. */
 };
@@ -268,6 +276,58 @@ enum ukf_result ukf_driver_predict(struct ukf_driver *driver, ukf_real *points);
 enum ukf_result ukf_driver_update(struct ukf_driver *driver, uint32_t sensor,
                                   const ukf_real *points, const ukf_real *z, uint32_t mask,
                                   ukf_real *nis, bool *gated);
+
+/** Numbers of region U, `core->input_count` each. */
+struct ukf_inputs {
+    ukf_real *wanted; /**< What the models are to take; not infinite. */
+    ukf_real *held;   /**< What the core has been told of it; UKF_NOT_HELD at first. */
+};
+
+/** What `held` is where it is not known what the core has. */
+#define UKF_NOT_HELD ((ukf_real)INFINITY)
+
+/**
+ * @brief Send sigma points of the estimate through f on the core, and predict: run F.
+ *
+ * The points are drawn unless they are there. Of the inputs of f those are written that have changed,
+ * as for all steps of models on the core.
+ *
+ * @return UKF_MODEL_F if f gives NaN or infinity; the estimate stays.
+ */
+enum ukf_result ukf_driver_f(struct ukf_driver *driver, const struct ukf_inputs *inputs);
+
+/**
+ * @brief Read the sigma points that f on the core has given, after ukf_driver_f(). A failure leaves a
+ * doubt: the prediction has been made.
+ * @param points As ukf_driver_points().
+ */
+enum ukf_result ukf_driver_propagated(struct ukf_driver *driver, ukf_real *points);
+
+/**
+ * @brief Send sigma points through the h of a sensor on the core, and update: run H.
+ *
+ * The points are those of a prediction that has just been made. Otherwise, and after an update that
+ * was rejected, they are drawn from the estimate. Arguments as ukf_driver_update(), and
+ *
+ * @param variant Which of the models of the sensor.
+ * @param inputs  Numbers of region U.
+ * @return UKF_MODEL_H if h gives NaN or infinity in a row that takes part; the estimate stays.
+ *         UKF_ILLEGAL_STEP if the core has no such variant; UKF_BAD_ARGUMENT if no core can have it,
+ *         or there is no such sensor.
+ */
+enum ukf_result ukf_driver_h(struct ukf_driver *driver, uint32_t sensor, uint32_t variant,
+                             const struct ukf_inputs *inputs, const ukf_real *z, uint32_t mask,
+                             ukf_real *nis, bool *gated);
+
+/**
+ * @brief Predict and update with models on the core: run ITERATE.
+ *
+ * Arguments as ukf_driver_h(). If neither f nor PREDICT has failed, but something after them, the
+ * prediction stands.
+ */
+enum ukf_result ukf_driver_iterate(struct ukf_driver *driver, uint32_t sensor, uint32_t variant,
+                                   const struct ukf_inputs *inputs, const ukf_real *z,
+                                   uint32_t mask, ukf_real *nis, bool *gated);
 
 /** @brief Run COVARIANCE and read P, n by n: its lower triangle, mirrored. */
 enum ukf_result ukf_driver_covariance(struct ukf_driver *driver, ukf_real *P);

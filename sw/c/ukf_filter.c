@@ -6,9 +6,8 @@
 #include <string.h>
 
 #include "ukf_factor.h"
+#include "ukf_internal.h"
 #include "ukf_registers.h"
-
-#define TURN 6.283185307179586476925286766559
 
 /** Elements (i, j) and (j, i) of a covariance must agree to this part of sqrt(a_ii a_jj), or better. */
 #define ASYMMETRY 1e-9
@@ -19,9 +18,8 @@ static uint32_t noise_length(const struct ukf_core *core)
     return core->q * core->q + core->r * ukf_core_noise_columns(core);
 }
 
-/** Noise terms of a sensor, which are rows of V and of R. */
-static struct ukf_range terms_of(const struct ukf_core *core, const struct ukf_models *models,
-                                 uint32_t sensor)
+struct ukf_range ukf_terms_of(const struct ukf_core *core, const struct ukf_models *models,
+                              uint32_t sensor)
 {
     struct ukf_range terms = {.first = 0u, .count = 0u};
 
@@ -38,23 +36,40 @@ static struct ukf_range terms_of(const struct ukf_core *core, const struct ukf_m
     return terms;
 }
 
-/** Whether all models are there, and the sensors have the noise terms of the core. */
+/** Whether all models are there or on the core, and the sensors have its noise terms. */
 static bool are_complete(const struct ukf_core *core, const struct ukf_models *models)
 {
     uint32_t terms = 0;
 
-    if (models == NULL || models->process == NULL || models->sensors == NULL) {
+    if (models == NULL || models->sensors == NULL ||
+        (models->process == NULL && core->has_f == 0u)) {
         return false;
     }
     for (uint32_t sensor = 0; sensor < ukf_core_sensors(core); sensor++) {
         const uint32_t own = models->sensors[sensor].terms;
 
-        if (models->sensors[sensor].observe == NULL || own > UKF_MAX_SIZE) {
+        if ((models->sensors[sensor].observe == NULL && core->has_h == 0u) || own > UKF_MAX_SIZE) {
             return false;
         }
         terms += own;
     }
     return core->additive_r != 0u || terms == core->r;
+}
+
+/** Numbers of the largest matrix that a covariance is factorised in. */
+static uint32_t scratch_length(const struct ukf_core *core)
+{
+    const uint32_t size = UKF_LARGER(UKF_LARGER(core->n, core->q), core->r);
+
+    return size * size;
+}
+
+/** Have all inputs be written again. */
+static void forget_inputs(const struct ukf *ukf)
+{
+    for (uint32_t i = 0; i < ukf->driver.core->input_count; i++) {
+        ukf->inputs.held[i] = UKF_NOT_HELD;
+    }
 }
 
 enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const struct ukf_port *port,
@@ -70,7 +85,8 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
         .gate = (ukf_real)INFINITY,
     };
     if (core == NULL || !are_complete(core, models) || options == NULL || work == NULL ||
-        length < UKF_WORK_LENGTH(core->n, core->m, core->q, core->r, core->points)) {
+        length < UKF_WORK_LENGTH(core->n, core->m, core->q, core->r, core->points,
+                                 core->input_count)) {
         return UKF_BAD_ARGUMENT;
     }
     result = ukf_driver_open(&ukf->driver, core, port, options->timeout_us);
@@ -86,6 +102,12 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
     ukf->next_noise = ukf->L + core->n * core->n;
     ukf->noise = ukf->next_noise + noise_length(core);
     ukf->scratch = ukf->noise + noise_length(core);
+    ukf->inputs.wanted = ukf->scratch + scratch_length(core);
+    ukf->inputs.held = ukf->inputs.wanted + core->input_count;
+    for (uint32_t i = 0; i < core->input_count; i++) {
+        ukf->inputs.wanted[i] = (ukf_real)NAN;
+    }
+    forget_inputs(ukf);
     return UKF_OK;
 }
 
@@ -159,7 +181,7 @@ static uint32_t sensor_of(const struct ukf *ukf, uint32_t term)
     uint32_t sensor = 0;
 
     for (uint32_t past = 0; sensor + 1u < ukf_core_sensors(ukf->driver.core); sensor++) {
-        past += terms_of(ukf->driver.core, ukf->models, sensor).count;
+        past += ukf_terms_of(ukf->driver.core, ukf->models, sensor).count;
         if (term < past) {
             break;
         }
@@ -220,7 +242,7 @@ static enum ukf_result factor_noise(const struct ukf *ukf, const ukf_real *Q, co
         result = factor_R(ukf, R, ukf->scratch);
     }
     for (uint32_t sensor = 0; result == UKF_OK && sensor < ukf_core_sensors(core); sensor++) {
-        const struct ukf_range terms = terms_of(core, ukf->models, sensor);
+        const struct ukf_range terms = ukf_terms_of(core, ukf->models, sensor);
 
         place_factor(ukf, terms, ukf->scratch + terms.first * (core->r + 1u), core->r);
     }
@@ -246,10 +268,16 @@ static enum ukf_result fetch_noise(struct ukf *ukf, uint32_t base, uint32_t term
     return UKF_OK;
 }
 
+/** Read those that models in software need. */
 static enum ukf_result fetch_noises(struct ukf *ukf)
 {
     const struct ukf_core *core = ukf->driver.core;
-    enum ukf_result result = fetch_noise(ukf, core->process_noise_points, core->q, ukf->W);
+    enum ukf_result result;
+
+    if (core->has_f != 0u && core->has_h != 0u) {
+        return UKF_OK;
+    }
+    result = fetch_noise(ukf, core->process_noise_points, core->q, ukf->W);
 
     return result == UKF_OK ? fetch_noise(ukf, core->observation_noise_points, core->r, ukf->V)
                             : result;
@@ -369,6 +397,7 @@ static enum ukf_result send_all(struct ukf *ukf)
     enum ukf_result result = ukf_driver_begin(&ukf->driver);
 
     ukf->noise_written = false; /* To begin anew is to rely on nothing. */
+    forget_inputs(ukf);
     ukf->gated = false;
     ukf->nis = (ukf_real)NAN;
     if (result == UKF_OK) {
@@ -512,7 +541,7 @@ enum ukf_result ukf_set_sensor_noise(struct ukf *ukf, uint32_t sensor, const ukf
     if (sensor >= ukf_core_sensors(core)) {
         return UKF_BAD_ARGUMENT;
     }
-    terms = terms_of(core, ukf->models, sensor);
+    terms = ukf_terms_of(core, ukf->models, sensor);
     result = factor(ukf, terms.count, R, false, ukf->scratch);
     if (result != UKF_OK) {
         return result;
@@ -553,66 +582,6 @@ static enum ukf_result draw(struct ukf *ukf)
     return result == UKF_OK ? ukf_driver_points(&ukf->driver, ukf->X) : result;
 }
 
-/** Column k of a matrix. */
-static void get_column(const ukf_real *matrix, uint32_t rows, uint32_t columns, uint32_t k,
-                       ukf_real *column)
-{
-    for (uint32_t i = 0; i < rows; i++) {
-        column[i] = matrix[i * columns + k];
-    }
-}
-
-static void put_column(ukf_real *matrix, uint32_t rows, uint32_t columns, uint32_t k,
-                       const ukf_real *column)
-{
-    for (uint32_t i = 0; i < rows; i++) {
-        matrix[i * columns + k] = column[i];
-    }
-}
-
-static enum ukf_result bad_model(struct ukf *ukf, uint32_t point, uint32_t row)
-{
-    ukf->driver.fault = (struct ukf_fault){.point = point, .index = row};
-    return UKF_BAD_MODEL;
-}
-
-/** Look at the result of a model for sigma point k; rows that are not used become zero. */
-static enum ukf_result check_result(struct ukf *ukf, bool success, ukf_real *values, uint32_t rows,
-                                    uint32_t used, uint32_t k)
-{
-    if (!success) {
-        return bad_model(ukf, k, 0u);
-    }
-    for (uint32_t i = 0; i < rows; i++) {
-        if ((used >> i & 1u) == 0u) {
-            values[i] = 0;
-        } else if (!ukf_is_finite((double)values[i])) {
-            return bad_model(ukf, k, i);
-        }
-    }
-    return UKF_OK;
-}
-
-/** Angle shifted by whole turns to within half a turn of a reference, in radians. */
-static ukf_real wrap(ukf_real angle, ukf_real reference)
-{
-    return (ukf_real)((double)angle - TURN * rint(((double)angle - (double)reference) / TURN));
-}
-
-/** Wrap the rows that are angles to within half a turn of the centre, which stays as it is. */
-static void wrap_rows(const struct ukf_core *core, ukf_real *matrix, uint32_t rows, uint32_t angles)
-{
-    for (uint32_t i = 0; i < rows; i++) {
-        ukf_real *row = matrix + i * core->points;
-        const ukf_real centre = row[ukf_core_centre(core)];
-
-        for (uint32_t k = ukf_core_first_point(core);
-             (angles >> i & 1u) != 0u && k < core->points; k++) {
-            row[k] = wrap(row[k], centre);
-        }
-    }
-}
-
 static enum ukf_result undo_predict(struct ukf *ukf)
 {
     const enum ukf_result result = ukf_driver_undo_predict(&ukf->driver);
@@ -621,111 +590,99 @@ static enum ukf_result undo_predict(struct ukf *ukf)
     return result;
 }
 
-enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
+/* Predict and update. */
+
+/** Whether the inputs of f on the core have been set. */
+static enum ukf_result check_inputs_of_f(struct ukf *ukf)
 {
-    const struct ukf_core *core = ukf->driver.core;
-    const struct ukf_models *models = ukf->models;
-    ukf_real x[UKF_MAX_SIZE];
-    ukf_real w[UKF_MAX_SIZE];
-    ukf_real next[UKF_MAX_SIZE];
-    enum ukf_result result = ready(ukf);
-
-    if (result == UKF_OK) {
-        result = draw(ukf);
-    }
-    for (uint32_t k = ukf_core_first_point(core); result == UKF_OK && k < core->points; k++) {
-        get_column(ukf->X, core->n, core->points, k, x);
-        get_column(ukf->W, core->q, core->points, k, w);
-        result = check_result(ukf, models->process(models->context, x, w, input, next), next,
-                              core->n, UKF_ALL, k);
-        put_column(ukf->X, core->n, core->points, k, next);
-    }
-    if (result != UKF_OK) {
-        return result;
-    }
-    wrap_rows(core, ukf->X, core->n, models->state_angles);
-    result = ukf_driver_predict(&ukf->driver, ukf->X);
-    ukf->transformed = result == UKF_OK;
-    return result == UKF_OK && ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : result;
-}
-
-/** Whether all numbers are zero in the format of the core. */
-static bool all_zero(const struct ukf *ukf, const ukf_real *values, uint32_t count)
-{
-    for (uint32_t i = 0; i < count; i++) {
-        if (ukf_driver_round(&ukf->driver, values[i]) != 0) {
-            return false;
-        }
-    }
-    return true;
-}
-
-/**
- * Refuse a row of Z that is one number for all sigma points and has no noise. Its variance is zero,
- * but the core would find the rounding error of its mean, and nothing to compare that with. Of a row
- * of zeros it finds zero, of one that overflows that it is not finite, and says so itself.
- */
-static enum ukf_result check_varies(struct ukf *ukf, struct ukf_range rows, uint32_t used)
-{
-    const struct ukf_core *core = ukf->driver.core;
-    const ukf_real *factor = ukf->noise + core->q * core->q;
-    const uint32_t number = ukf_core_first_point(core);
-
-    for (uint32_t i = 0; i < rows.count; i++) {
-        const ukf_real *row = ukf->Z + i * core->points;
-        const ukf_real first = ukf_driver_round(&ukf->driver, row[number]);
-        bool varies = (used >> i & 1u) == 0u || first == 0 || !ukf_is_finite((double)first);
-
-        if (core->additive_r != 0u) {
-            const uint32_t columns = ukf_core_noise_columns(core);
-
-            varies = varies || !all_zero(ukf, factor + (rows.first + i) * columns, columns);
-        }
-        for (uint32_t k = number + 1u; !varies && k < core->points; k++) {
-            varies = ukf_driver_round(&ukf->driver, row[k]) != first;
-        }
-        if (!varies) {
-            ukf->driver.fault = (struct ukf_fault){
-                .step = UKF_STEP_UPDATE,
-                .code = UKF_ERROR_CODE_SINGULAR_OBSERVATION,
-                .index = rows.first + i,
-            };
-            return UKF_SINGULAR_OBSERVATION;
+    for (uint32_t i = 0; i < ukf->driver.core->inputs_of_f; i++) {
+        if (!ukf_is_number((double)ukf->inputs.wanted[i])) {
+            ukf->driver.fault = (struct ukf_fault){.step = UKF_STEP_F, .index = i};
+            return UKF_BAD_ARGUMENT;
         }
     }
     return UKF_OK;
 }
 
-/** What is expected of a row of z: its value at the mean; without W0 all weights are equal. */
-static ukf_real expected(const struct ukf *ukf, uint32_t row)
+enum ukf_result ukf_set_inputs(struct ukf *ukf, uint32_t first, uint32_t count,
+                               const ukf_real *values)
 {
-    const struct ukf_core *core = ukf->driver.core;
-    const uint32_t first = ukf_core_first_point(core);
-    const ukf_real *points = ukf->Z + row * core->points;
-    double sum = 0;
+    uint32_t total;
 
-    if (first == 0u) {
-        return points[0];
+    if (!ukf->driver.open) {
+        return UKF_NOT_OPEN;
     }
-    for (uint32_t k = first; k < core->points; k++) {
-        sum += (double)points[k];
+    total = ukf->driver.core->input_count;
+    if (first > total || count > total - first || !all_fit(ukf, values, count)) {
+        return UKF_BAD_ARGUMENT;
     }
-    return (ukf_real)(sum / (double)(core->points - first));
+    memcpy(ukf->inputs.wanted + first, values, count * sizeof *values);
+    return UKF_OK;
 }
 
-enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask)
+/** End a predict with new sigma points; without them it has not been done. */
+static enum ukf_result finish_predict(struct ukf *ukf)
+{
+    return ukf->redraw ? back_out(ukf, redraw(ukf), undo_predict) : UKF_OK;
+}
+
+static enum ukf_result predict_on_core(struct ukf *ukf)
 {
     const struct ukf_core *core = ukf->driver.core;
-    const struct ukf_models *models = ukf->models;
-    ukf_real x[UKF_MAX_SIZE];
-    ukf_real v[UKF_MAX_SIZE];
-    ukf_real observation[UKF_MAX_SIZE];
+    enum ukf_result result = check_inputs_of_f(ukf);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    result = ukf_driver_f(&ukf->driver, &ukf->inputs);
+    /* Points of a prediction before it may be there still if it broke off when drawing new ones. */
+    ukf->transformed = ukf->transformed && ukf->driver.doubtful &&
+                       ukf->driver.step == UKF_STEP_SIG_GEN;
+    if (result == UKF_OK) {
+        result = finish_predict(ukf);
+    }
+    if (result == UKF_OK && !ukf->redraw && core->has_h == 0u) {
+        result = ukf_driver_propagated(&ukf->driver, ukf->X);
+        ukf->transformed = result == UKF_OK;
+    }
+    return result;
+}
+
+enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
+{
     enum ukf_result result = ready(ukf);
-    const struct ukf_sensor *own;
-    struct ukf_range terms;
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (ukf->driver.core->has_f != 0u) {
+        return predict_on_core(ukf);
+    }
+    result = draw(ukf);
+    if (result == UKF_OK) {
+        result = ukf_software_f(ukf, input);
+    }
+    if (result != UKF_OK) {
+        return result;
+    }
+    result = ukf_driver_predict(&ukf->driver, ukf->X);
+    ukf->transformed = result == UKF_OK;
+    return result == UKF_OK ? finish_predict(ukf) : result;
+}
+
+/** An observation with what of it was sampled. */
+struct observation {
+    ukf_real z[UKF_MAX_SIZE];
+    uint32_t used; /**< Bit i: row i of the sensor was sampled. */
+};
+
+/** Check what an update is given. */
+static enum ukf_result take(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask,
+                            struct observation *taken)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    enum ukf_result result = ready(ukf);
     uint32_t rows;
-    uint32_t used;
-    uint32_t angles;
 
     if (result != UKF_OK) {
         return result;
@@ -733,53 +690,91 @@ enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, 
     if (sensor >= ukf_core_sensors(core)) {
         return UKF_BAD_ARGUMENT;
     }
-    own = &models->sensors[sensor];
-    terms = terms_of(core, models, sensor);
     rows = ukf_core_rows(core, sensor).count;
-    used = mask & (UKF_ALL >> (UKF_MAX_SIZE - rows));
-    angles = own->angles & used;
-    if (used == 0u) {
-        return UKF_OK;
-    }
+    taken->used = mask & (UKF_ALL >> (UKF_MAX_SIZE - rows));
     for (uint32_t i = 0; i < rows; i++) {
-        if ((used >> i & 1u) != 0u && !ukf_is_finite((double)z[i])) {
+        const bool used = (taken->used >> i & 1u) != 0u;
+
+        if (used && !ukf_is_finite((double)z[i])) {
             return UKF_BAD_ARGUMENT;
         }
+        taken->z[i] = used ? z[i] : (ukf_real)0;
     }
-    if (!ukf->transformed) {
-        result = draw(ukf);
-    }
-    for (uint32_t k = ukf_core_first_point(core); result == UKF_OK && k < core->points; k++) {
-        get_column(ukf->X, core->n, core->points, k, x);
-        get_column(ukf->V + terms.first * core->points, terms.count, core->points, k, v);
-        result = check_result(ukf, own->observe(models->context, x, v, observation), observation,
-                              rows, used, k);
-        put_column(ukf->Z, rows, core->points, k, observation);
-    }
-    if (result != UKF_OK) {
-        return result;
-    }
-    wrap_rows(core, ukf->Z, rows, angles);
-    for (uint32_t i = 0; i < rows; i++) {
-        observation[i] = (used >> i & 1u) != 0u ? z[i] : (ukf_real)0;
-        if ((angles >> i & 1u) != 0u) {
-            observation[i] = wrap(observation[i], expected(ukf, i));
-        }
-        /* It is for a gate to reject what is too large for the format, which is binary32 then. */
-        if (ukf_is_finite((double)ukf->gate) && !all_fit(ukf, &observation[i], 1u)) {
-            observation[i] = observation[i] > 0 ? (ukf_real)FLT_MAX : -(ukf_real)FLT_MAX;
+    return core->has_h == 0u ||
+                   ukf_driver_has(&ukf->driver, sensor, ukf->models->sensors[sensor].variant)
+               ? UKF_OK
+               : UKF_BAD_ARGUMENT;
+}
+
+/** It is for a gate to reject what is too large for the format, which is binary32 then. */
+static void clamp(const struct ukf *ukf, uint32_t rows, ukf_real *z)
+{
+    for (uint32_t i = 0; i < rows && ukf_is_finite((double)ukf->gate); i++) {
+        if (!all_fit(ukf, &z[i], 1u)) {
+            z[i] = z[i] > 0 ? (ukf_real)FLT_MAX : -(ukf_real)FLT_MAX;
         }
     }
-    result = check_varies(ukf, ukf_core_rows(core, sensor), used);
-    if (result != UKF_OK) {
+}
+
+enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask)
+{
+    struct ukf_driver *driver = &ukf->driver;
+    struct observation taken;
+    enum ukf_result result = take(ukf, sensor, z, mask, &taken);
+    uint32_t rows;
+
+    if (result != UKF_OK || taken.used == 0u) {
         return result;
     }
-    result = ukf_driver_update(&ukf->driver, sensor, ukf->Z, observation, used, &ukf->nis,
-                               &ukf->gated);
+    rows = ukf_core_rows(driver->core, sensor).count;
+    if (driver->core->has_h != 0u) {
+        clamp(ukf, rows, taken.z);
+        result = ukf_driver_h(driver, sensor, ukf->models->sensors[sensor].variant, &ukf->inputs,
+                              taken.z, taken.used, &ukf->nis, &ukf->gated);
+    } else {
+        if (!ukf->transformed) {
+            result = draw(ukf);
+        }
+        if (result == UKF_OK) {
+            result = ukf_software_h(ukf, sensor, taken.used, taken.z);
+        }
+        if (result == UKF_OK) {
+            result = ukf_software_varies(ukf, sensor, taken.used);
+        }
+        if (result == UKF_OK) {
+            clamp(ukf, rows, taken.z);
+            result = ukf_driver_update(driver, sensor, ukf->Z, taken.z, taken.used, &ukf->nis,
+                                       &ukf->gated);
+        }
+    }
     if (result == UKF_OK && !ukf->gated) {
         ukf->transformed = false;
     }
     return result;
+}
+
+enum ukf_result ukf_iterate(struct ukf *ukf, const void *input, uint32_t sensor, const ukf_real *z,
+                            uint32_t mask)
+{
+    const struct ukf_core *core = ukf->driver.core;
+    struct observation taken;
+    enum ukf_result result = take(ukf, sensor, z, mask, &taken);
+
+    if (result != UKF_OK) {
+        return result;
+    }
+    if (taken.used == 0u || ukf->redraw || core->has_f == 0u || core->has_h == 0u) {
+        result = ukf_predict(ukf, input);
+        return result == UKF_OK ? ukf_update(ukf, sensor, z, mask) : result;
+    }
+    result = check_inputs_of_f(ukf);
+    if (result != UKF_OK) {
+        return result;
+    }
+    clamp(ukf, ukf_core_rows(core, sensor).count, taken.z);
+    ukf->transformed = false;
+    return ukf_driver_iterate(&ukf->driver, sensor, ukf->models->sensors[sensor].variant,
+                              &ukf->inputs, taken.z, taken.used, &ukf->nis, &ukf->gated);
 }
 
 /* Recovery. */

@@ -6,7 +6,7 @@
  *
  * @code
  * static const struct ukf_core core = UKF_CORE_INITIALISER;
- * static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
+ * static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS, UKF_INPUT_COUNT)];
  * struct ukf ukf;
  *
  * result = ukf_open(&ukf, &core, &port, &models, &options, work, sizeof work / sizeof work[0]);
@@ -33,7 +33,11 @@
  * The sizes are those of the struct ukf_core that is given, at run time, so one object code serves
  * any number of cores. All memory is that of struct ukf and of the caller's `work`.
  *
- * Models are called for every sigma point that has a weight: with W0 = 0, the default, not for point
+ * A core can have models of its own (core.has_f, core.has_h). Then they need not be given, and are
+ * not called if they are; what they take besides x and noise is set with ukf_set_inputs(). With all
+ * models on the core no sigma points cross the bus.
+ *
+ * Models in software are called for every sigma point that has a weight: with W0 = 0, the default, not for point
  * 0. Angles are wrapped to within half a turn of those of one point, ukf_core_centre(), so that no
  * mean is taken across the cut at +-pi. A column of a matrix of points has the number of the point.
  *
@@ -56,9 +60,9 @@ extern "C" {
 #endif
 
 /** Numbers that a filter needs as `work`. All arguments are sizes of the core. */
-#define UKF_WORK_LENGTH(n, m, q, r, points) \
+#define UKF_WORK_LENGTH(n, m, q, r, points, inputs) \
     (((n) + (m) + (q) + (r)) * (points) + (n) + (n) * (n) + 2u * ((q) * (q) + (r) * (r)) + \
-     UKF_LARGER(UKF_LARGER(n, q), r) * UKF_LARGER(UKF_LARGER(n, q), r))
+     UKF_LARGER(UKF_LARGER(n, q), r) * UKF_LARGER(UKF_LARGER(n, q), r) + 2u * (inputs))
 /** The larger one of two numbers without side effects. */
 #define UKF_LARGER(a, b) ((a) > (b) ? (a) : (b))
 
@@ -90,18 +94,23 @@ typedef bool (*ukf_observation_model)(void *context, const ukf_real *x, const uk
 
 /** A sensor: what is observed together. Its number of rows is that of the core. */
 struct ukf_sensor {
-    ukf_observation_model observe;
+    ukf_observation_model observe; /**< Not called, and may be NULL, if the core has h. */
     /** Noise terms. With additive noise this does not matter: there is one for each row, or none. */
     uint32_t terms;
     uint32_t angles; /**< Bit i: its row i is an angle, in radians. */
+    /**
+     * Which of the models that the core has for this sensor, 0 at first; it may change between updates.
+     * UKF_ILLEGAL_STEP is what comes of one that the core does not have.
+     */
+    uint32_t variant;
 };
 
 /** The application. */
 struct ukf_models {
     void *context;
-    ukf_process_model process;
+    ukf_process_model process; /**< Not called, and may be NULL, if the core has f. */
     const struct ukf_sensor *sensors; /**< As many as the core has, in its order. */
-    uint32_t state_angles;            /**< Bit i: state i is an angle, in radians. */
+    uint32_t state_angles; /**< Bit i: state i is an angle, in radians. The core knows those of its f. */
 };
 
 /** How to run a filter. */
@@ -138,6 +147,7 @@ struct ukf {
     ukf_real *next_noise; /**< factors of Q and R, as the core has them. */
     ukf_real *noise;      /**< Factors of Q and R in use. */
     ukf_real *scratch;
+    struct ukf_inputs inputs; /**< Numbers that the models on the core take. */
 };
 
 /**
@@ -173,7 +183,29 @@ enum ukf_result ukf_open(struct ukf *ukf, const struct ukf_core *core, const str
 enum ukf_result ukf_start(struct ukf *ukf, const ukf_real *x, const ukf_real *P, const ukf_real *Q,
                           const ukf_real *R);
 
-/** @brief Predict the state at the next step. `input` is handed to the process model. */
+/**
+ * @brief Set numbers that the models on the core take: region U, as the generated header names them.
+ *
+ * They are kept here, and written to the core before the next step that needs them, if they have
+ * changed. Before the first predict those of f must have been set. Those of h that never have been set
+ * are NaN, so an h that takes one gives UKF_MODEL_H.
+ *
+ * @param ukf    An open filter.
+ * @param first  Place of the first one.
+ * @param count  How many.
+ * @param values The numbers.
+ * @return UKF_BAD_ARGUMENT if there are no such places, or a number is not finite, also in the format
+ *         of the core; all are as before then.
+ */
+enum ukf_result ukf_set_inputs(struct ukf *ukf, uint32_t first, uint32_t count,
+                               const ukf_real *values);
+
+/**
+ * @brief Predict the state at the next step.
+ * @param ukf   The filter.
+ * @param input Handed to the process model; if the core has f, ukf_set_inputs() has its input.
+ * @return UKF_BAD_ARGUMENT if the core has f, and an input of it, fault.index, has never been set.
+ */
 enum ukf_result ukf_predict(struct ukf *ukf, const void *input);
 
 /** @brief Draw new sigma points from the estimate, so that an update after a predict uses them. */
@@ -186,11 +218,22 @@ enum ukf_result ukf_redraw(struct ukf *ukf);
  * @param z      Observation, a number for each row of the sensor; those that were not sampled do not
  *               matter.
  * @param mask   Bit i: row i of the sensor was sampled. If none was, nothing happens.
- * @return UKF_BAD_ARGUMENT if a sampled observation is not finite, or there is no such sensor.
+ * @return UKF_BAD_ARGUMENT if a sampled observation is not finite, or there is no such sensor, or no
+ *         core has such a variant.
  *         UKF_SINGULAR_OBSERVATION, without asking the core, if a row is one number for all sigma points
  *         and has no noise. UKF_OK also if the gate rejected the observation: then ukf->gated is true.
  */
 enum ukf_result ukf_update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t mask);
+
+/**
+ * @brief Predict, then update: ukf_predict() with `input`, and ukf_update() with all else.
+ *
+ * If the core has f and h, it is one step of it, unless every predict redraws. Arguments are checked
+ * before anything is done. If it fails, the prediction stands, unless it was f or the prediction that
+ * failed: ukf_undo_predict() goes back.
+ */
+enum ukf_result ukf_iterate(struct ukf *ukf, const void *input, uint32_t sensor, const ukf_real *z,
+                            uint32_t mask);
 
 /** @brief Give the estimate, n numbers: read, unless it has been read and cannot have changed since. */
 enum ukf_result ukf_state(struct ukf *ukf, ukf_real *x);

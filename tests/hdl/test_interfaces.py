@@ -17,7 +17,7 @@ from support.stub_engine import StubEngine
 from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import generate, interface_files
 from ukf_hdl.instance import Instance
-from ukf_sw.c_sources import C_SOURCES
+from ukf_sw.c_sources import C_SOURCES, DRIVER_SOURCES
 from ukf_sw.problems.scenario_files import export_scenario
 from ukf_sw.problems.systems.nanosat import nanosat
 from ukf_sw.spec.float_format import BINARY16, BINARY64
@@ -197,7 +197,7 @@ def test_the_driver_compiles_as_its_readme_says(params, port, compiler, tmp_path
     )
     assert result.returncode == 0, result.stderr
     objects = {path.name for path in folder.glob("*.o")}
-    assert objects == {"ukf_driver.o", "ukf_filter.o", "ukf_factor.o", f"{port}.o"}
+    assert objects == {f"{Path(name).stem}.o" for name in (*DRIVER_SOURCES, f"{port}.c")}
 
 
 #: Prints what struct ukf_core holds, and what a driver says on a bus where all words are 0.
@@ -239,9 +239,10 @@ static bool observe(void *context, const ukf_real *x, const ukf_real *v, ukf_rea
 int main(void)
 {
     static const struct ukf_core core = UKF_CORE_INITIALISER;
-    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
+    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS,
+                                         UKF_INPUT_COUNT)];
     const struct ukf_port port = {NULL, get, put, NULL, now};
-    static const struct ukf_sensor sensor = {observe, UKF_R, 0u};
+    static const struct ukf_sensor sensor = {observe, UKF_R, 0u, 0u};
     const struct ukf_models models = {NULL, process, &sensor, 0u};
     const struct ukf_options options = {1000u, false};
     struct ukf ukf;
@@ -287,6 +288,7 @@ def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path)
         "n": 7, "m": 6, "q": 7, "r": 6, "points": 22, "exponent_bits": 8, "fraction_bits": 23,
         "covariance_form": 0, "additive_q": 0, "additive_r": 0, "w0_low": 0, "w0_high": 0,
         "sensors": 1, "has_f": 0, "has_h": 0, "models": 0, "inputs": 0,
+        "input_count": 0, "inputs_of_f": 0, "inputs_of_h": 0,
         "element_bytes": memory_map.element_bytes, "row_stride": memory_map.row_stride,
     }  # fmt: skip
 
@@ -327,8 +329,8 @@ static void my_use(const ukf_real *x)
 """
 
 
-def programs_of_the_page():
-    page = (Path(__file__).parents[2] / "docs" / "zynq.md").read_text(encoding="utf-8")
+def programs_of_the_page(name="zynq.md"):
+    page = (Path(__file__).parents[2] / "docs" / name).read_text(encoding="utf-8")
     return re.findall(r"^```c\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
 
 
@@ -347,6 +349,28 @@ def test_the_sensors_of_the_page_compile(c_folder, tmp_path):
         "    const struct ukf_models models = {.sensors = sensors};\n"
         "    struct ukf ukf = *ukf_pointer;\n    enum ukf_result result;\n"
         f"    ukf.models = &models;\n    {call}    return result;\n}}\n"
+    )
+    result = subprocess.run(
+        ["gcc", "-std=c11", *STRICT, "-I.", "-fsyntax-only", "main.c"],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+
+
+@needs_cc
+def test_the_programs_of_models_on_the_core_compile(c_folder, tmp_path):
+    """That of the page about them, and the part of the page about C."""
+    folder = tmp_path / "c"
+    shutil.copytree(c_folder, folder)
+    (whole,) = programs_of_the_page("models-on-core.md")
+    told, calls = programs_of_the_page()[2].split("\n\n")
+    (folder / "main.c").write_text(
+        f"{whole}\n{told}\n"
+        "enum ukf_result correct(struct ukf *pointer, ukf_real gain, ukf_real range);\n"
+        "enum ukf_result correct(struct ukf *pointer, ukf_real gain, ukf_real range)\n{\n"
+        "    struct ukf ukf = *pointer;\n    enum ukf_result result;\n"
+        "    ukf.models = pointer->redraw ? &models : &on_core;\n"
+        f"    {calls}    return result;\n}}\n"
     )
     result = subprocess.run(
         ["gcc", "-std=c11", *STRICT, "-I.", "-fsyntax-only", "main.c"],

@@ -30,6 +30,8 @@ RECOMMENDATION = "tests/system/test_recommendation.py"
 C_DRIVER = "tests/system/test_c_driver.py"
 C_RECOVERY = "tests/system/test_c_recovery.py"
 C_MODELS = "tests/system/test_c_models.py"
+C_ON_CORE = "tests/system/test_c_models_on_core.py"
+C_RECOVERY_OF_MODELS = "tests/system/test_c_recovery_of_models.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
 MODEL_PROGRAMS = "tests/sw/test_model_programs.py"
 MODELS_IN_CORE = "tests/sw/test_golden_core_of_models.py"
@@ -596,12 +598,12 @@ MUTANTS = [
         "tests/sw/test_hostile_observations.py -k constant",
     ),
     Mutant(
-        "C filter: a row that is constant is left to the core", "sw/c/ukf_filter.c",
+        "C filter: a row that is constant is left to the core", "sw/c/ukf_software.c",
         "if (!varies) {", "if (!varies && core->n == 0u) {",
         C_DRIVER + " -k constant",
     ),
     Mutant(
-        "C filter: a row that is constant and has noise is refused", "sw/c/ukf_filter.c",
+        "C filter: a row that is constant and has noise is refused", "sw/c/ukf_software.c",
         "varies = varies || !all_zero(", "varies = varies || all_zero(",
         C_DRIVER + " -k constant",
     ),
@@ -931,7 +933,7 @@ MUTANTS = [
     ),
     Mutant(
         "C driver: an x that is being assigned is still known", "sw/c/ukf_driver.c",
-        "base == core->state", "base == 1u",
+        "    if (base == core->state) {", "    if (base == 1u) {",
         C_DRIVER + " -k x_is_read",
     ),
     Mutant(
@@ -941,8 +943,7 @@ MUTANTS = [
     ),
     Mutant(
         "C driver: an update that is refused leaves x known", "sw/c/ukf_driver.c",
-        "    known = driver->x_known;\n    driver->x_known = false;\n",
-        "    known = driver->x_known;\n",
+        "    driver->x_known = false;\n    result = run_of(", "    result = run_of(",
         C_DRIVER + " -k refused",
     ),
     Mutant(
@@ -951,7 +952,7 @@ MUTANTS = [
         C_DRIVER + " -k angles",
     ),
     Mutant(
-        "C filter: sigma points are counted from the first one", "sw/c/ukf_filter.c",
+        "C filter: sigma points are counted from the first one", "sw/c/ukf_software.c",
         "return bad_model(ukf, k, i);",
         "return bad_model(ukf, k - ukf_core_first_point(ukf->driver.core), i);",
         C_DRIVER + " -k without_a_result",
@@ -976,13 +977,13 @@ MUTANTS = [
     ),
     Mutant(
         "C driver: a write that fails leaves no doubt", "sw/c/ukf_driver.c",
-        ": judged(driver, refused(driver, address));", ": refused(driver, address);",
+        ": ukf_driver_judged(driver, refused(driver, address));", ": refused(driver, address);",
         C_RECOVERY,
     ),
     Mutant(
         "C driver: a step that fails leaves no doubt", "sw/c/ukf_driver.c",
-        "result = judged(driver, start_and_wait(driver, step, sensor, status));",
-        "result = start_and_wait(driver, step, sensor, status);",
+        "ukf_driver_judged(driver, start_and_wait(driver, step, sensor, variant, status));",
+        "start_and_wait(driver, step, sensor, variant, status);",
         C_RECOVERY,
     ),
     Mutant(
@@ -1072,7 +1073,7 @@ MUTANTS = [
         C_RECOVERY + "::test_a_start_that_the_core_refuses",
     ),
     Mutant(
-        "C filter: angles of z are not wrapped", "sw/c/ukf_filter.c",
+        "C filter: angles of z are not wrapped", "sw/c/ukf_software.c",
         "if ((angles >> i & 1u) != 0u) {", "if (i > UKF_MAX_SIZE) {",
         C_DRIVER,
     ),
@@ -1083,7 +1084,7 @@ MUTANTS = [
         C_DRIVER + " -k sensors",
     ),
     Mutant(
-        "C filter: a model is given the noise terms of another sensor", "sw/c/ukf_filter.c",
+        "C filter: a model is given the noise terms of another sensor", "sw/c/ukf_software.c",
         "get_column(ukf->V + terms.first * core->points,", "get_column(ukf->V,",
         C_DRIVER + " -k sensors",
     ),
@@ -1096,6 +1097,78 @@ MUTANTS = [
         "driver: half of a new noise is taken for the old one", "sw/ukf_sw/drivers/driver.py",
         "self._noise if self._noise_written else None", "self._noise",
         "tests/sw/test_recovery.py -k starting_again",
+    ),
+    Mutant(
+        "C driver: H takes points that a rejected update has overwritten", "sw/c/ukf_driver.c",
+        "(propagated && step == UKF_STEP_COVARIANCE);", "propagated;",
+        f"{C_ON_CORE} -k failed",
+    ),
+    Mutant(
+        "C driver: an h that failed loses its points", "sw/c/ukf_driver_models.c",
+        "        driver->propagated = propagated;\n", "",
+        f"{C_ON_CORE} -k failed",
+    ),
+    Mutant(
+        "C driver: an iterate whose h failed loses its points", "sw/c/ukf_driver_models.c",
+        "driver->predicted && refusal == UKF_MODEL_H;", "false && refusal == UKF_MODEL_H;",
+        f"{C_ON_CORE} -k failed",
+    ),
+    Mutant(
+        "C driver: inputs are written in each step", "sw/c/ukf_driver_models.c",
+        "    memcpy(held, wanted, count * sizeof *held);\n", "",
+        f"{C_ON_CORE} -k cross_the_bus",
+    ),
+    Mutant(
+        "C driver: an input whose writing broke off is known", "sw/c/ukf_driver_models.c",
+        "            held[i] = UKF_NOT_HELD;\n", "",
+        f"{C_ON_CORE} -k broke_off",
+    ),
+    Mutant(
+        "C driver: the variant is not handed on", "sw/c/ukf_driver.c",
+        "variant << UKF_CONTROL_VARIANT_SHIFT", "(variant & 0u)",
+        f"{C_ON_CORE} -k variants",
+    ),
+    Mutant(
+        "C driver: an F that broke off is a prediction", "sw/c/ukf_driver.c",
+        "driver->step != UKF_STEP_F;", "driver->step != UKF_STEP_IDLE + 100u;",
+        f"{C_RECOVERY_OF_MODELS} -k undone",
+    ),
+    Mutant(
+        "C driver: an iterate whose f has failed is a prediction", "sw/c/ukf_driver.c",
+        "const bool failed = driver->step == UKF_STEP_ITERATE &&",
+        "const bool failed = driver->step > UKF_STEP_ITERATE &&",
+        f"{C_RECOVERY_OF_MODELS} -k undo",
+    ),
+    Mutant(
+        "driver: an iterate whose f has failed is a prediction", "sw/ukf_sw/drivers/driver.py",
+        "self._step = Step.ITERATE  # if", "pass  # if",
+        f"{C_RECOVERY_OF_MODELS} -k undo",
+    ),
+    Mutant(
+        "C driver: an H that was lost has not changed the factor", "sw/c/ukf_driver.c",
+        "        driver->step != UKF_STEP_H && driver->step != UKF_STEP_ITERATE) {",
+        "        driver->step != UKF_STEP_ITERATE) {",
+        f"{C_RECOVERY_OF_MODELS} -k end",
+    ),
+    Mutant(
+        "C filter: an iterate is one step although predict redraws", "sw/c/ukf_filter.c",
+        "taken.used == 0u || ukf->redraw ||", "taken.used == 0u ||",
+        f"{C_ON_CORE} -k iterate_is_one",
+    ),
+    Mutant(
+        "C filter: inputs of f that were never set are sent", "sw/c/ukf_filter.c",
+        "if (!ukf_is_number((double)ukf->inputs.wanted[i])) {", "if (i > UKF_MAX_SIZE) {",
+        f"{C_ON_CORE} -k must_have_been",
+    ),
+    Mutant(
+        "C filter: a start leaves the inputs", "sw/c/ukf_filter.c",
+        "rely on nothing. */\n    forget_inputs(ukf);\n", "rely on nothing. */\n",
+        f"{C_ON_CORE} -k all_inputs",
+    ),
+    Mutant(
+        "driver: a reset leaves the inputs", "sw/ukf_sw/drivers/driver.py",
+        "rely on nothing\n        self._inputs.clear()\n", "rely on nothing\n",
+        f"{C_ON_CORE} -k all_inputs",
     ),
     Mutant(
         "C filter: a new estimate keeps the points of the old", "sw/c/ukf_filter.c",

@@ -9,7 +9,8 @@
 #include "ukf_filter.h"
 
 const struct ukf_core binding_core = UKF_CORE_INITIALISER;
-const uint32_t binding_work_length = UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS);
+const uint32_t binding_work_length =
+    UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS, UKF_INPUT_COUNT);
 const size_t binding_size = sizeof(struct ukf);
 const size_t binding_real_size = sizeof(ukf_real);
 

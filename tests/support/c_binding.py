@@ -2,7 +2,7 @@
 
 import ctypes
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from functools import partial
 from pathlib import Path
@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from ukf_sim.c_in_the_loop.compiler import DRIVER, NANOSAT_MODELS, compile_c, write_headers
 from ukf_sw.drivers.bus import Bus
 from ukf_sw.errors import BusError
+from ukf_sw.lowering.placement import PlacedModels
 from ukf_sw.spec.parameters import UkfParams
 
-__all__ = ["CFilter", "CFilterError", "Result", "compile_library"]
+__all__ = ["CFilter", "CFilterError", "Result", "compile_library", "describe_core"]
 
 BINDING = Path(__file__).with_name("c_binding.c")
 
@@ -64,7 +65,7 @@ class _Port(ctypes.Structure):
 
 
 class _Sensor(ctypes.Structure):
-    _fields_ = (("observe", OBSERVE), ("terms", WORD), ("angles", WORD))
+    _fields_ = (("observe", OBSERVE), ("terms", WORD), ("angles", WORD), ("variant", WORD))
 
 
 class _Models(ctypes.Structure):
@@ -131,6 +132,16 @@ def compile_library(
     return ctypes.CDLL(str(library))
 
 
+def describe_core(params: UkfParams, folder: Path) -> ctypes.CDLL:
+    """Compile what says what a core is, for `core` of :class:`CFilter`, faster than the filter.
+
+    Arguments and errors as :func:`compile_library`.
+    """
+    write_headers(params, folder)
+    flags = ("-shared", "-fPIC")
+    return ctypes.CDLL(str(compile_c([BINDING], folder / "libcore.so", [folder], flags=flags)))
+
+
 def _real(array: Array) -> Any:
     return array.ctypes.data_as(REALS)
 
@@ -151,7 +162,10 @@ class CFilter:
         What the library was compiled for.
     f, h
         Models, one sigma point at a time, as :mod:`ukf_sw.models` has them; several h for several
-        sensors.
+        sensors. None is NULL, for what the core has.
+    placed
+        Models on the core: what turns the arguments of the methods into numbers of region U, and
+        variants, as in Python; None if there are none.
     interrupt
         Function that waits for the interrupt, as for :class:`ukf_sw.drivers.driver.Driver`.
     timeout_us
@@ -183,9 +197,10 @@ class CFilter:
         library: ctypes.CDLL,
         bus: Bus,
         params: UkfParams,
-        f: Callable[..., ArrayLike],
-        h: Callable[..., ArrayLike] | Sequence[Callable[..., ArrayLike]],
+        f: Callable[..., ArrayLike] | None,
+        h: Callable[..., ArrayLike] | Sequence[Callable[..., ArrayLike] | None],
         *,
+        placed: PlacedModels | None = None,
         interrupt: Callable[[float], bool] | None = None,
         timeout_us: int = 1_000_000,
         clock: Callable[[], float] = time.monotonic,
@@ -202,6 +217,7 @@ class CFilter:
         self._params = params
         self._bus = bus
         self._f = f
+        self._placed = placed
         self._input: Any = None
         self.exceptions: list[Exception] = []
         size = ctypes.c_size_t.in_dll(library, "binding_size").value
@@ -230,8 +246,9 @@ class CFilter:
             for model, own_terms, own in zip(models, terms, rows, strict=True)
         ))  # fmt: skip
         self._models = _Models(
-            None, PROCESS(self._process), self._sensors, sum(1 << i for i in state_angles)
-        )
+            None, PROCESS() if f is None else PROCESS(self._process), self._sensors,
+            sum(1 << i for i in state_angles),
+        )  # fmt: skip
         self._options = _Options(timeout_us, redraw)
         if opened:
             self.open()
@@ -258,8 +275,9 @@ class CFilter:
         return True
 
     def _process(self, _: Any, x: Any, w: Any, __: Any, following: Any) -> bool:
-        p = self._params
-        return self._model(lambda: self._f(x[: p.n], w[: p.q], self._input), following)
+        p, f = self._params, self._f
+        assert f is not None
+        return self._model(lambda: f(x[: p.n], w[: p.q], self._input), following)
 
     def _observe(
         self, h: Callable[..., ArrayLike], terms: int, _: Any, x: Any, v: Any, z: Any
@@ -342,9 +360,36 @@ class CFilter:
         """``ukf_start``."""
         self._call("ukf_start", *(self._numbers(value) for value in (x, P, Q, R)))
 
+    def set_inputs(self, first: int, values: ArrayLike) -> None:
+        """``ukf_set_inputs``."""
+        numbers = np.array(values, dtype=np.float64)
+        self._call("ukf_set_inputs", WORD(first), WORD(len(numbers)), numbers)
+
+    def set_variant(self, sensor: int, variant: int) -> None:
+        """Choose one of the models that the core has for a sensor."""
+        self._sensors[sensor].variant = variant
+
+    def _give_f(self, u: Any) -> None:
+        """Hand u to f, wherever that is."""
+        self._input = u
+        if self._placed is not None and self._placed.f:
+            self._set_places(self._placed.inputs_of_f(u, {}))
+
+    def _give_h(self, sensor: int, arguments: Mapping[str, Any]) -> None:
+        """Hand arguments to the h of a sensor on the core."""
+        if self._placed is not None and self._placed.h:
+            name = [*self._placed.traced.h][sensor]
+            variant, inputs = self._placed.inputs_of_h(name, arguments)
+            self.set_variant(sensor, variant)
+            self._set_places(inputs)
+
+    def _set_places(self, inputs: Mapping[int, float]) -> None:
+        for place, value in inputs.items():
+            self.set_inputs(place, [value])
+
     def predict(self, u: Any = None) -> None:
         """``ukf_predict``; u goes to f."""
-        self._input = u
+        self._give_f(u)
         self._call("ukf_predict", None)
 
     def redraw(self) -> None:
@@ -352,12 +397,38 @@ class CFilter:
         self._call("ukf_redraw")
 
     def update(
-        self, z: ArrayLike, mask: NDArray[np.bool_] | None = None, *, sensor: int = 0
+        self,
+        z: ArrayLike,
+        mask: NDArray[np.bool_] | None = None,
+        *,
+        sensor: int = 0,
+        **arguments: Any,
     ) -> bool:
         """``ukf_update``; whether the estimate was corrected."""
-        bits = 0xFFFF_FFFF if mask is None else sum(1 << int(i) for i in np.flatnonzero(mask))
+        self._give_h(sensor, arguments)
+        bits = self._bits(mask)
         self._call("ukf_update", WORD(sensor), self._numbers(z), WORD(bits))
         return bits != 0 and not self.gated
+
+    def iterate(
+        self,
+        u: Any,
+        z: ArrayLike,
+        mask: NDArray[np.bool_] | None = None,
+        *,
+        sensor: int = 0,
+        **arguments: Any,
+    ) -> bool:
+        """``ukf_iterate``; whether the estimate was corrected."""
+        self._give_f(u)
+        self._give_h(sensor, arguments)
+        bits = self._bits(mask)
+        self._call("ukf_iterate", None, WORD(sensor), self._numbers(z), WORD(bits))
+        return bits != 0 and not self.gated
+
+    @staticmethod
+    def _bits(mask: NDArray[np.bool_] | None) -> int:
+        return 0xFFFF_FFFF if mask is None else sum(1 << int(i) for i in np.flatnonzero(mask))
 
     def _outcome(self) -> tuple[float, bool]:
         nis, gated = ctypes.c_double(), WORD()

@@ -10,13 +10,14 @@ import pytest
 
 from support.c_binding import CFilter, CFilterError, Result, compile_library
 from support.covariances import random_covariances
+from support.noting_bus import NotingBus
 from support.problems import core_of
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.drivers.driver import Driver
-from ukf_sw.errors import BusError, NotFiniteError
+from ukf_sw.errors import NotFiniteError
 from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, rounding_errors
 from ukf_sw.filter import UnscentedKalmanFilter
-from ukf_sw.golden import GoldenBus, GoldenCore
+from ukf_sw.golden import GoldenCore
 from ukf_sw.problem import Problem, Sensor
 from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
 from ukf_sw.spec.float_format import BINARY32, BINARY64
@@ -71,33 +72,6 @@ def library(tmp_path_factory):
         )
 
     return get
-
-
-class NotingBus:
-    """A bus that notes every access, and can be told to lie, to refuse, and to break."""
-
-    def __init__(self, core):
-        self.core = core
-        self.bus = GoldenBus(core)
-        self.log = []
-        self.lies = {}
-        self.refuse = None
-        self.on_write = None
-
-    def read(self, address):
-        if address == self.refuse:
-            raise BusError(address, "read")
-        word = self.lies.get(address, self.bus.read(address))
-        self.log.append(("read", address, word))
-        return word
-
-    def write(self, address, word):
-        if address == self.refuse:
-            raise BusError(address, "write")
-        self.log.append(("write", address, word))
-        self.bus.write(address, word)
-        if self.on_write is not None:
-            self.on_write(address, word)
 
 
 class Clock:

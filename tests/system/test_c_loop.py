@@ -164,9 +164,10 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
     made = nanosat_2014_rates(gaps="random", P0=0.01, steps=30)
     binary, header = export_scenario(made, 30, tmp_path)
     data = binary.read_bytes()
-    words = np.frombuffer(data, "<u4", 10)
-    assert words.tolist() == [0x53464B55, 1, 7, 6, 7, 6, 3, 30, 0, 0]
-    numbers = np.frombuffer(data, "<f8", (len(data) - 40 - 30 * 4) // 8, 40)
+    words = np.frombuffer(data, "<u4", 12)
+    assert words.tolist() == [0x53464B55, 2, 7, 6, 7, 6, 3, 30, 0, 1, 0, 0]
+    behind = 4 * (30 + 1 + 30)  # masks, noise terms, variants
+    numbers = np.frombuffer(data, "<f8", (len(data) - 48 - behind) // 8, 48)
     text = header.read_text()
     interval = float.fromhex(re.search(r"(\S+), /\* interval \*/", text)[1])
     constants = [
@@ -175,13 +176,14 @@ def test_the_header_has_the_numbers_of_the_binary_file(tmp_path):
         if line.startswith("    ") and "p" in line and "/*" not in line
         for word in line.replace(",", " ").split()
     ]
+    assert constants.pop() == 0.0, "an array must not be empty: nothing is told to a core"
     assert numbers.tolist() == [interval, *constants]
     assert interval == 1e-3
     assert constants[:7] == made.x0.tolist()
     observed, sampled = made.samples()
     expected = np.where(sampled, observed, 0.0)
     assert numbers[-30 * 6 :].tolist() == expected.reshape(-1).tolist()
-    masks = np.frombuffer(data, "<u4", 30, len(data) - 120)
+    masks = np.frombuffer(data, "<u4", 30, len(data) - behind)
     assert (masks == sampled @ (1 << np.arange(6))).all()
     assert {0, 0b111, 0b111000} <= set(masks.tolist()) <= {0, 0b111, 0b111000, 0b111111}
 
@@ -195,13 +197,13 @@ def test_the_interval_is_that_of_the_steps(interval, first, tmp_path):
     binary, header = export_scenario(
         replace(made, data=replace(made.record, times=times)), 3, tmp_path
     )
-    assert np.frombuffer(binary.read_bytes(), "<f8", 1, 40) == interval
+    assert np.frombuffer(binary.read_bytes(), "<f8", 1, 48) == interval
     assert f"    {interval.hex()}, /* interval */" in header.read_text()
     times[7] += interval / 1000.0
     binary, header = export_scenario(
         replace(made, data=replace(made.record, times=times)), 3, tmp_path
     )
-    assert np.isnan(np.frombuffer(binary.read_bytes(), "<f8", 1, 40)).all()
+    assert np.isnan(np.frombuffer(binary.read_bytes(), "<f8", 1, 48)).all()
     assert "    NAN, /* interval */" in header.read_text()
 
 
@@ -240,7 +242,8 @@ def test_an_input_may_be_a_number(tmp_path):
     binary, _ = export_scenario(made, 3, tmp_path)
     data = binary.read_bytes()
     assert np.frombuffer(data, "<u4", 8)[6:].tolist() == [1, 3]
-    assert np.frombuffer(data, "<f8", 3, len(data) - 12 - 24 - 24).tolist() == [1.5, -2.0, 3.0]
+    behind = 4 * (3 + 1 + 3)
+    assert np.frombuffer(data, "<f8", 3, len(data) - behind - 24 - 24).tolist() == [1.5, -2.0, 3.0]
 
 
 def test_sensors_stand_beside_each_other(tmp_path):
@@ -254,12 +257,13 @@ def test_sensors_stand_beside_each_other(tmp_path):
     made = replace(made, data=replace(record, sampled=sampled))
     binary, _ = export_scenario(made, 4, tmp_path)
     data = binary.read_bytes()
-    assert np.frombuffer(data, "<u4", 4, len(data) - 16).tolist() == [0b111, 0b010, 0b101, 0]
-    found = np.frombuffer(data, "<f8", 12, len(data) - 16 - 96).reshape(4, 3)
+    words = np.frombuffer(data, "<u4", 4 + 2 + 8, len(data) - 56).tolist()
+    assert words == [0b111, 0b010, 0b101, 0, 1, 2, *[0] * 8], "masks, noise terms, variants"
+    found = np.frombuffer(data, "<f8", 12, len(data) - 56 - 96).reshape(4, 3)
     taken = np.hstack([sampled["s0"], sampled["s1"]])
     measured = np.hstack([record.measurements["s0"], record.measurements["s1"]])
     assert found.tolist() == np.where(taken, measured, 0.0).tolist()
-    numbers = np.frombuffer(data, "<f8", (len(data) - 40 - 16) // 8, 40)
+    numbers = np.frombuffer(data, "<f8", (len(data) - 48 - 56) // 8, 48)
     assert numbers[7:16].tolist() == made.R.reshape(-1).tolist()
 
 

@@ -45,15 +45,6 @@ KINDS = [
 ]
 
 
-@pytest.fixture
-def ukf_with_cores(ukf, tmp_path, core_cache):
-    """Function that runs a command where the compiled cores of other sessions are."""
-    core_cache.mkdir(parents=True, exist_ok=True)
-    (tmp_path / "build").mkdir()
-    (tmp_path / "build" / "cosim").symlink_to(core_cache)
-    return ukf
-
-
 def natively(problem, models, folder, steps, flags=PLAIN):
     """Run a program with these models on a golden model; gives the process, and its results."""
     write_headers(problem.params, folder)
@@ -231,10 +222,20 @@ def test_scenarios_for_another_core_are_named(tmp_path):
         (("--c-models", FOLDER / "model.py"), "--c-models must be C files, which end with .c, not"),
         ((*OPTIONS, "--format", "float6.17"), "--format must be one that C has, binary32 or bin"),
         ((*OPTIONS, "--steps", 0), "--steps must be at least 1, not 0"),
+        (
+            ("--problem", "battery", "--models", "core", "--c-models", MODELS[0]),
+            "--c-models must not be given with all models on the core, which calls none in C, not",
+        ),
+        (
+            ("--problem", "battery", "--models", "f"),
+            "give the models of another one with --c-models",
+        ),
     ],
 )
 def test_mistakes_are_named_before_the_work(ukf, command, options, message):
-    result = ukf(command, "--problem", "support.turntable.model:augmented", *options, code=2)
+    if "--problem" not in options:
+        options = ("--problem", "support.turntable.model:augmented", *options)
+    result = ukf(command, *options, code=2)
     assert message in result.stderr
     assert "Traceback" not in result.stderr
 

@@ -253,7 +253,7 @@ def test_bad_arguments(program, arguments, code, message):
     [
         (lambda data: b"", "cannot be read"),
         (lambda data: b"XKFS" + data[4:], "not a scenario of this byte order"),
-        (lambda data: data[:4] + b"\2" + data[5:], "of another version"),
+        (lambda data: data[:4] + b"\1" + data[5:], "of another version"),
         (lambda data: data[:8] + b"\x21" + data[9:], "sizes must be at most 32"),
         (lambda data: data[:28] + b"\xff" * 4 + data[32:], "too many steps"),
         (lambda data: data[:-1], "too short"),

@@ -13,12 +13,12 @@ import pytest
 
 from support.breaking_bus import BreakingBus
 from support.c_binding import CFilter, CFilterError, Result, compile_library
+from support.step_bus import Clock, StepBus, finish_when_given_up
 from ukf_sim.c_in_the_loop.compiler import Toolchain
 from ukf_sw.spec.float_format import BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Noise, UkfParams
-from ukf_sw.spec.registers import CONTROL, GATE_HIGH, GATE_LOW, INTERRUPT_ENABLE, INTERRUPT_PENDING
-from ukf_sw.spec.sequence import STEPS
+from ukf_sw.spec.registers import GATE_HIGH, GATE_LOW, INTERRUPT_ENABLE
 
 pytestmark = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 
@@ -40,38 +40,6 @@ def f(x, w, u):
 
 def h(x, v):
     return [np.hypot(x[0], 1.0) + v[0], x[0] * x[1] + v[1]]
-
-
-class Clock:
-    """Time that passes by looking at it, a millisecond a look."""
-
-    def __init__(self):
-        self.time = 0.0
-
-    def __call__(self):
-        self.time += 1e-3
-        return self.time
-
-
-class StepBus(BreakingBus):
-    """Holds one of the steps; or resets the core when it has started."""
-
-    step = None
-    resets = False
-
-    def hold(self, step, *, resets=False):
-        """Hold the step of this number, from 1 on; None is none."""
-        self.step, self.resets = step, resets
-        self.core.hold = False
-
-    def write(self, address, word):
-        starts = address == CONTROL.offset and word & sum(CONTROL[s.name].mask for s in STEPS)
-        if starts and self.step is not None:
-            self.step -= 1
-            self.core.hold = self.step == 0
-        super().write(address, word)
-        if starts and self.step == 0 and self.resets:
-            super().write(address, CONTROL["RESET"].mask | CONTROL["ENABLE"].mask)
 
 
 @dataclass(frozen=True)
@@ -450,20 +418,6 @@ def test_every_step_may_fail_to_end(library, allowed, case, name, end, interrupt
     assert outcomes or (name in ("redraw", "save") and end != "lost")
     if end in ("late", "never"):
         assert bus.core.read(INTERRUPT_ENABLE.offset)[0] == (0b11 if interrupt else 0)
-
-
-def finish_when_given_up(bus):
-    """Have the step end just before the reset, and the processor's handler clear its event."""
-    write = bus.write
-
-    def late(address, word):
-        if address == CONTROL.offset and word & CONTROL["RESET"].mask and bus.core.busy:
-            bus.core.finish()
-            if bus.core.irq:
-                bus.core.write(INTERRUPT_PENDING.offset, 0b11)
-        write(address, word)
-
-    bus.write = late
 
 
 # What is refused is certain.

@@ -19,6 +19,9 @@ REGIONS = (
 )  # fmt: skip
 
 
+#: Names in ``struct ukf_core`` of how many inputs the models on the core take.
+INPUTS = ("input_count", "inputs_of_f", "inputs_of_h")
+
 #: Fields that identify a core, in the order of their registers; any number of PEs will do.
 IDENTITY_FIELDS = tuple(
     (register.name, field.name)
@@ -112,6 +115,13 @@ def _structure(record: dict[str, Any]) -> list[str]:
     return [*lines, "#endif"]
 
 
+def _inputs(record: dict[str, Any]) -> dict[str, int]:
+    """How many inputs the models on the core take, by the name in the struct."""
+    models = record.get("models", {"inputs": [], "inputs_of_f": 0, "inputs_of_h": 0})
+    counts = len(models["inputs"]), models["inputs_of_f"], models["inputs_of_h"]
+    return dict(zip(INPUTS, counts, strict=True))
+
+
 def core_header(record: dict[str, Any]) -> str:
     """Render sizes and addresses of a core as a C header, C99 and later, and C++.
 
@@ -130,6 +140,7 @@ def core_header(record: dict[str, Any]) -> str:
     bases = {region["name"]: region["base"] for region in record["regions"]}
     points = next(region["columns"] for region in record["regions"] if region["symbol"] == "X")
     prefix = record["c_prefix"]
+    inputs = _inputs(record)
     lines = [
         f"/* Sizes and addresses of the UKF core {record['name']}. Generated, do not edit. */",
         f"#ifndef {prefix}_CORE_H",
@@ -142,6 +153,10 @@ def core_header(record: dict[str, Any]) -> str:
         *(f"#define {prefix}_{field} {values[name, field]}u" for name, field in IDENTITY_FIELDS),
         f"#define {prefix}_POINTS {points}u",
         f"#define {prefix}_PES {values['CONFIG', 'PES']}u",
+        "",
+        "/* Numbers that the models on the core take from region U: all, the first ones for f, the",
+        " * last ones for h. */",
+        *(f"#define {prefix}_{name.upper()} {count}u" for name, count in inputs.items()),
         "",
         "/* Place in the system: address of the registers, interrupt at its controller, clock. */",
         f"#define {prefix}_BASE_ADDRESS {record['base_address']:#x}u",
@@ -170,6 +185,7 @@ def core_header(record: dict[str, Any]) -> str:
         ("element_bytes", f"{prefix}_ELEMENT_BYTES"),
         ("row_stride", f"{prefix}_ROW_STRIDE"),
         *((name, f"{prefix}_{name.upper()}_BASE" if name in bases else "0u") for name in REGIONS),
+        *((name, f"{prefix}_{name.upper()}") for name in inputs),
     ]
     lines += [
         "",

@@ -184,7 +184,7 @@ def compile_objects(
 def compile_application(
     output: Path,
     headers: Path,
-    models: Sequence[Path] = (),
+    models: Sequence[Path] | None = (),
     *,
     main: Sequence[Path] = (),
     toolchain: Toolchain = Toolchain.NATIVE,
@@ -202,7 +202,8 @@ def compile_application(
         Folder of the generated headers of the core.
     models
         C files of the user, with ``ukf_application()``: see sw/c/apps/application.h. Their folders
-        are searched for headers. Without any the models are those of the nanosatellite.
+        are searched for headers. Without any the models are those of the nanosatellite; None: the
+        core has all models.
     main
         Sources of the main program.
     toolchain
@@ -222,7 +223,8 @@ def compile_application(
     CompilerError
         If the compiler is not installed or does not compile a source.
     """
-    own = [*DRIVER, *RUN_FILES, *main, *(() if models else (NANOSAT_MODELS,))]
+    own = [*DRIVER, *RUN_FILES, *main, *((NANOSAT_MODELS,) if models == () else ())]
+    models = models or ()
     searched = [*INCLUDES, headers, *dict.fromkeys(source.resolve().parent for source in models)]
     folders = [f"-I{path}" for path in searched]
     with tempfile.TemporaryDirectory(prefix="ukf-objects-") as scratch:

@@ -7,7 +7,7 @@ so that other models need no other program.
 The estimates are compared bit for bit with those of the Python filter on the golden model. The
 models are in C there and in Python here, both in double; if they use +, -, *, / and sqrt only, in
 the same order, and the C code is compiled without fused multiply-add, IEEE 754 leaves no room for a
-difference.
+difference. Those that are on the core are the same there and in the golden model.
 """
 
 import subprocess
@@ -36,12 +36,14 @@ from ukf_sw.folders import check_folder
 from ukf_sw.problem import Problem
 from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
+from ukf_sw.spec.core import Placement
 from ukf_sw.spec.parameters import Pipeline
 
 __all__ = [
     "CLoopOutcome",
     "first_difference",
     "golden_results",
+    "in_software",
     "require_tools",
     "run_c_in_the_loop",
 ]
@@ -167,6 +169,11 @@ def _bits(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.nan, values).view(np.uint64)
 
 
+def in_software(problem: Problem, models: Sequence[Path]) -> tuple[Path, ...] | None:
+    """Give the C files of models for compile_application(); None if the core has all models."""
+    return None if Placement.of(problem.models) is Placement.CORE else tuple(models)
+
+
 def require_tools() -> None:
     """Demand what compiles the C code and the Verilog.
 
@@ -203,7 +210,7 @@ def run_c_in_the_loop(
         How many of its steps.
     models
         C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
-        them; without any it must be a nanosatellite.
+        them; without any it must be a nanosatellite, or the core has all models.
     pipeline
         How the core is built.
     interrupt
@@ -243,8 +250,8 @@ def run_c_in_the_loop(
         # First, because models are what is wrong most often.
         write_headers(problem.params, folder / "headers")
         application = compile_application(
-            folder / "application.so", folder / "headers", models, flags=("-fPIC",),
-            link_flags=SHARED, warn=warn,
+            folder / "application.so", folder / "headers", in_software(problem, models),
+            flags=("-fPIC",), link_flags=SHARED, warn=warn,
         )  # fmt: skip
         generate(problem.params, pipeline, folder / "rtl")
         built = build_executable(

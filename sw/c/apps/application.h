@@ -27,6 +27,9 @@
  *
  * The input of the process model is an array of the numbers that the scenario has for each step.
  *
+ * What a core has itself (UKF_HAS_F, UKF_HAS_H) is not called, and may be NULL. With h on the core the
+ * sensors are those of the scenario, with f as well the function is not needed, and no file either.
+ *
  * For results that equal those of models in Python to the last bit, compute in the same order, with
  * +, -, *, / and sqrt() only, in double, and compile with -ffp-contract=off. exp(), sin() and the
  * like differ between libraries in the last bit.

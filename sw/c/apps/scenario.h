@@ -32,6 +32,12 @@ struct ukf_scenario {
     const double *input;       /**< steps by inputs. */
     const double *measurement; /**< steps by m; 0 where not sampled. */
     const uint32_t *sampled;   /**< steps; bit i: observation i was sampled. */
+    /* For the models that the core has. */
+    uint32_t sensors;           /**< Sensors. */
+    uint32_t core_inputs;       /**< Numbers that these models take beside x and noise; 0 if none. */
+    const double *core_input;   /**< steps by core_inputs; see ukf_set_inputs(). */
+    const uint32_t *terms;      /**< Noise terms of each sensor. */
+    const uint32_t *variant;    /**< steps by sensors: which model of a sensor; see struct ukf_sensor. */
 };
 
 /** What came of a step. */

@@ -4,21 +4,30 @@
 #include <stdlib.h>
 
 /*
- * Little-endian: the words "UKFS", version, n, m, q, r, inputs, steps, redraw, 0; the doubles
- * interval, x0, P0, Q, R, input, measurement; the words of sampled.
+ * Little-endian: the words "UKFS", version, n, m, q, r, inputs, steps, redraw, sensors, core_inputs, 0;
+ * the doubles interval, x0, P0, Q, R, input, measurement, core_input; the words sampled, terms, variant.
  */
 #define MAGIC UINT32_C(0x53464B55)
-#define VERSION 1u
-#define WORDS 10u
+#define VERSION 2u
+#define WORDS 12u
 #define MAX_SIZE 32u
 #define MAX_STEPS UINT32_C(10000000)
 
-static size_t count_numbers(const uint32_t *header)
+/** Numbers of a file. */
+static uint64_t count_numbers(const uint32_t *header)
 {
-    const size_t n = header[2], m = header[3], q = header[4], r = header[5], inputs = header[6];
-    const size_t steps = header[7];
+    const uint64_t n = header[2], m = header[3], q = header[4], r = header[5];
+    const uint64_t inputs = header[6], steps = header[7], core_inputs = header[10];
 
-    return 1u + n + n * n + q * q + r * r + steps * (inputs + m);
+    return 1u + n + n * n + q * q + r * r + steps * (inputs + m + core_inputs);
+}
+
+/** Words of a file behind the numbers. */
+static uint64_t count_words(const uint32_t *header)
+{
+    const uint64_t steps = header[7], sensors = header[9];
+
+    return steps + sensors + steps * sensors;
 }
 
 static const char *check(const uint32_t *header)
@@ -34,7 +43,12 @@ static const char *check(const uint32_t *header)
             return "sizes must be at most 32";
         }
     }
-    return header[7] <= MAX_STEPS ? NULL : "too many steps";
+    if (header[9] > MAX_SIZE) {
+        return "sizes must be at most 32";
+    }
+    return header[7] <= MAX_STEPS && count_numbers(header) <= SIZE_MAX / sizeof(double)
+               ? NULL
+               : "too many steps";
 }
 
 const char *ukf_scenario_read(const char *path, struct ukf_scenario *scenario)
@@ -42,7 +56,7 @@ const char *ukf_scenario_read(const char *path, struct ukf_scenario *scenario)
     uint32_t header[WORDS];
     const char *complaint = "cannot be read";
     double *numbers = NULL;
-    uint32_t *sampled = NULL;
+    uint32_t *words = NULL;
     FILE *file = fopen(path, "rb");
 
     if (file == NULL) {
@@ -52,28 +66,28 @@ const char *ukf_scenario_read(const char *path, struct ukf_scenario *scenario)
         complaint = check(header);
     }
     if (complaint == NULL) {
-        const size_t count = count_numbers(header);
-        const size_t steps = header[7];
+        const size_t count = (size_t)count_numbers(header);
+        const size_t behind = (size_t)count_words(header);
 
         complaint = "too short";
         numbers = malloc(count * sizeof *numbers);
-        sampled = malloc((steps + 1u) * sizeof *sampled);
-        if (numbers != NULL && sampled != NULL &&
+        words = malloc((behind + 1u) * sizeof *words);
+        if (numbers != NULL && words != NULL &&
             fread(numbers, sizeof *numbers, count, file) == count &&
-            fread(sampled, sizeof *sampled, steps, file) == steps) {
+            fread(words, sizeof *words, behind, file) == behind) {
             complaint = fgetc(file) == EOF ? NULL : "too long";
         }
     }
     (void)fclose(file);
     if (complaint != NULL) {
         free(numbers);
-        free(sampled);
+        free(words);
         return complaint;
     }
     *scenario = (struct ukf_scenario){
         .n = header[2], .m = header[3], .q = header[4], .r = header[5],
         .inputs = header[6], .steps = header[7], .redraw = header[8] != 0u,
-        .interval = numbers[0], .sampled = sampled,
+        .interval = numbers[0], .sampled = words, .sensors = header[9], .core_inputs = header[10],
     };
     scenario->x0 = numbers + 1;
     scenario->P0 = scenario->x0 + scenario->n;
@@ -81,12 +95,15 @@ const char *ukf_scenario_read(const char *path, struct ukf_scenario *scenario)
     scenario->R = scenario->Q + scenario->q * scenario->q;
     scenario->input = scenario->R + scenario->r * scenario->r;
     scenario->measurement = scenario->input + (size_t)scenario->steps * scenario->inputs;
+    scenario->core_input = scenario->measurement + (size_t)scenario->steps * scenario->m;
+    scenario->terms = scenario->sampled + scenario->steps;
+    scenario->variant = scenario->terms + scenario->sensors;
     return NULL;
 }
 
 void ukf_scenario_free(struct ukf_scenario *scenario)
 {
-    /* Both blocks came from malloc; the interval stands before x0. */
+    /* Both blocks came from malloc; the interval stands before x0, the words begin with sampled. */
     free((double *)(uintptr_t)(scenario->x0 - 1));
     free((uint32_t *)(uintptr_t)scenario->sampled);
     *scenario = (struct ukf_scenario){0};

@@ -31,38 +31,70 @@ static enum ukf_result start(struct ukf *ukf, const struct ukf_scenario *scenari
     return ukf_start(ukf, x, P, Q, R);
 }
 
-/** Update with a sensor, if something of it was sampled, and add to what came of the step. */
-static enum ukf_result update(struct ukf *ukf, uint32_t sensor, const ukf_real *z, uint32_t sampled,
-                              struct ukf_record *record)
+#if UKF_HAS_H
+/** Sensors whose models the core has; their variants are those of the step. */
+static struct ukf_sensor sensors_on_core[UKF_M];
+
+static void choose_variants(const struct ukf_scenario *scenario, uint32_t k)
+{
+    for (uint32_t i = 0; i < scenario->sensors; i++) {
+        sensors_on_core[i].variant = scenario->variant[(size_t)k * scenario->sensors + i];
+    }
+}
+#endif
+
+/** Rows of a sensor that were sampled, as a mask for it. */
+static uint32_t mask_of(const struct ukf *ukf, uint32_t sensor, uint32_t sampled)
 {
     const struct ukf_range rows = ukf_core_rows(ukf->driver.core, sensor);
-    const uint32_t mask = sampled >> rows.first & (UKF_ALL >> (UKF_MAX_SIZE - rows.count));
-    enum ukf_result result;
 
-    if (mask == 0u) {
-        return UKF_OK;
-    }
-    result = ukf_update(ukf, sensor, z + rows.first, mask);
-    if (result == UKF_OK) {
-        record->nis = (ukf_is_number(record->nis) ? record->nis : 0.0) + (double)ukf->nis;
-        record->gated = record->gated != 0u || ukf->gated;
-    }
-    return result;
+    return sampled >> rows.first & (UKF_ALL >> (UKF_MAX_SIZE - rows.count));
 }
 
-/** One step: predict, update with each sensor, and read the estimate. */
+/** Predict, and update with each sensor of which something was sampled. */
+static enum ukf_result filter(struct ukf *ukf, const ukf_real *u, const ukf_real *z,
+                              uint32_t sampled, struct ukf_record *record)
+{
+    const uint32_t sensors = ukf_core_sensors(ukf->driver.core);
+    enum ukf_result result = UKF_OK;
+    bool predicted = false;
+
+    for (uint32_t i = 0; result == UKF_OK && i < sensors; i++) {
+        const uint32_t first = ukf_core_rows(ukf->driver.core, i).first;
+        const uint32_t mask = mask_of(ukf, i, sampled);
+
+        if (mask == 0u) {
+            continue;
+        }
+        result = predicted ? ukf_update(ukf, i, z + first, mask)
+                           : ukf_iterate(ukf, u, i, z + first, mask);
+        predicted = true;
+        if (result == UKF_OK) {
+            record->nis = (ukf_is_number(record->nis) ? record->nis : 0.0) + (double)ukf->nis;
+            record->gated = record->gated != 0u || ukf->gated;
+        }
+    }
+    return predicted ? result : ukf_predict(ukf, u);
+}
+
+/** One step: filter the sample, and read the estimate. */
 static enum ukf_result iterate(struct ukf *ukf, const struct ukf_scenario *scenario, uint32_t k,
                                ukf_real *x, struct ukf_record *record)
 {
+    static ukf_real on_core[AT_LEAST_1(UKF_INPUT_COUNT)];
     ukf_real u[UKF_MAX_SIZE];
     ukf_real z[UKF_M];
     enum ukf_result result;
 
     convert(scenario->input + (size_t)k * scenario->inputs, scenario->inputs, u);
     convert(scenario->measurement + (size_t)k * scenario->m, scenario->m, z);
-    result = ukf_predict(ukf, u);
-    for (uint32_t i = 0; result == UKF_OK && i < ukf_core_sensors(ukf->driver.core); i++) {
-        result = update(ukf, i, z, scenario->sampled[k], record);
+    convert(scenario->core_input + (size_t)k * UKF_INPUT_COUNT, UKF_INPUT_COUNT, on_core);
+    result = ukf_set_inputs(ukf, 0u, UKF_INPUT_COUNT, on_core);
+#if UKF_HAS_H
+    choose_variants(scenario, k);
+#endif
+    if (result == UKF_OK) {
+        result = filter(ukf, u, z, scenario->sampled[k], record);
     }
     return result == UKF_OK ? ukf_state(ukf, x) : result;
 }
@@ -114,11 +146,11 @@ static enum ukf_result execute(struct ukf_run *run, struct ukf *ukf)
 enum ukf_result ukf_run_scenario(struct ukf_run *run)
 {
     static const struct ukf_core core = UKF_CORE_INITIALISER;
-    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS)];
+    static ukf_real work[UKF_WORK_LENGTH(UKF_N, UKF_M, UKF_Q, UKF_R, UKF_POINTS, UKF_INPUT_COUNT)];
     const struct ukf_scenario *scenario = run->scenario;
     const struct ukf_options options = {
         .timeout_us = run->timeout_us, .redraw = scenario->redraw};
-    const struct ukf_models *models;
+    struct ukf_models models = {0};
     struct ukf ukf;
     enum ukf_result result;
 
@@ -127,16 +159,33 @@ enum ukf_result ukf_run_scenario(struct ukf_run *run)
     run->fault = (struct ukf_fault){0};
     run->complaint = NULL;
     if (scenario->n != UKF_N || scenario->m != UKF_M || scenario->q != UKF_Q ||
-        scenario->r != UKF_R || scenario->inputs > UKF_MAX_SIZE) {
+        scenario->r != UKF_R || scenario->inputs > UKF_MAX_SIZE ||
+        scenario->sensors != ukf_core_sensors(&core)) {
         run->complaint = "the scenario is not for a core of these sizes";
         return UKF_BAD_ARGUMENT;
     }
-    models = ukf_application(scenario);
-    if (models == NULL) {
-        run->complaint = "the models are not for these sizes: ukf_application() gives none";
+    if (scenario->core_inputs != UKF_INPUT_COUNT) {
+        run->complaint = "the scenario is not for the models that the core has";
         return UKF_BAD_ARGUMENT;
     }
-    result = ukf_open(&ukf, &core, run->port, models, &options, work,
+#if !(UKF_HAS_F && UKF_HAS_H)
+    {
+        const struct ukf_models *application = ukf_application(scenario);
+
+        if (application == NULL) {
+            run->complaint = "the models are not for these sizes: ukf_application() gives none";
+            return UKF_BAD_ARGUMENT;
+        }
+        models = *application;
+    }
+#endif
+#if UKF_HAS_H
+    for (uint32_t i = 0; i < scenario->sensors; i++) {
+        sensors_on_core[i] = (struct ukf_sensor){.terms = scenario->terms[i]};
+    }
+    models.sensors = sensors_on_core;
+#endif
+    result = ukf_open(&ukf, &core, run->port, &models, &options, work,
                       (uint32_t)(sizeof work / sizeof work[0]));
     if (result == UKF_BAD_ARGUMENT) {
         run->complaint = "a model is missing, or the sensors have not the noise terms of the core";

@@ -38,7 +38,7 @@ struct ukf_run {
  * @brief Run the filter over all samples, one run at a time.
  *
  * A step predicts, then updates with every sensor of which something was sampled, in the order of
- * their rows.
+ * their rows; the first of them with ukf_iterate(). Models on the core are told what the scenario has.
  *
  * When a step fails the rest of the sample is dropped. If the core or the bus failed, the filter is
  * recovered before the next, and begins anew if the estimate is lost. If that fails, the run ends.

@@ -576,6 +576,7 @@ class Driver:
     def _initialise(self, x: Words, L: Words, LQ: Words, LR: Words) -> None:
         self._x = self._before = self._predicted = self._step = None
         self._noise_written = False  # to begin anew is to rely on nothing
+        self._inputs.clear()
         self._reset_core()
         self._write(self._x_addresses, x)
         self._write_matrix("L", L)
@@ -1014,7 +1015,9 @@ class Driver:
             try:
                 gated = self._correct(Step.ITERATE, z, mask, sensor, variant)
             except REFUSALS as error:
+                self._step = Step.ITERATE  # if this breaks off, recovering has to find it out
                 status = self._read_register(STATUS)
+                self._step = None
                 if not status & RESIDUALS:
                     self._before = None
                 self._propagated = bool(status & RESIDUALS) and isinstance(

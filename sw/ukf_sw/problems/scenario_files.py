@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ukf_sw.extras import importing
 from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = ["CResults", "export_scenario", "read_results"]
 
 MAGIC = 0x53464B55  # "UKFS"
-VERSION = 1
+VERSION = 2
 #: Most numbers of an input: those that a program without allocation has place for.
 MAX_INPUTS = 32
 BINARY = "scenario.bin"
@@ -33,30 +34,92 @@ def _samples(problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
     return np.hstack(observations), np.hstack(sampled)
 
 
-def _tables(problem: Problem, steps: int) -> dict[str, Array]:
-    """Numbers of a scenario by name, each of two dimensions."""
+@dataclass(frozen=True)
+class _Scenario:
+    """What both files hold.
+
+    Parameters
+    ----------
+    problem, steps
+        As of :func:`export_scenario`.
+    tables
+        Numbers by name, each of two dimensions.
+    words
+        Whole numbers by name.
+    """
+
+    problem: Problem
+    steps: int
+    tables: dict[str, Array]
+    words: dict[str, NDArray[np.uint32]]
+
+
+def _scenario(problem: Problem, steps: int) -> _Scenario:
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    if data.observation_arguments is not None:
+    if data.observation_arguments is not None and not problem.models.h:
         raise ValueError(
             "scenario must have no observation arguments, which models in C do not take, not "
             f"{problem.name!r}"
         )
     observations, sampled = _samples(problem)
     measurements = np.where(sampled, observations, 0.0)[:steps]
-    return {
+    on_core, variants = _on_core(problem, steps)
+    tables = {
         "x0": problem.x0[np.newaxis],
         "P0": problem.P0,
         "Q": problem.Q,
         "R": problem.R,
         "input": _inputs(problem, steps),
         "measurement": measurements,
+        "core_input": on_core,
     }
+    words = {
+        "sampled": _sampled(problem, steps),
+        "terms": _terms(problem),
+        "variant": variants.reshape(-1),
+    }
+    return _Scenario(problem, steps, tables, words)
+
+
+def _on_core(problem: Problem, steps: int) -> tuple[Array, NDArray[np.uint32]]:
+    """What models on the core are told: numbers of region U (K, u), variants of sensors (K, S).
+
+    A number that is not needed in a step is as before, or 0.
+    """
+    own, data = problem.models, problem.record
+    numbers = np.zeros((steps, len(own.inputs)))
+    variants = np.zeros((steps, len(problem.sensor_names)), np.uint32)
+    if not own:
+        return numbers, variants
+    # What traces models is imported by those who need it.
+    with importing("golden"):
+        from ukf_sw.lowering.placement import place_models
+
+    which = {"f": "core"} if own.f is not None else {}
+    placed = place_models(problem, which | ({"h": "core"} if own.h else {}))
+    if placed is None or placed.models.digest != own.digest:
+        raise ValueError(f"models of a core for {problem.name} must be those of its data")
+    sampled = [np.any(problem.samples(name)[1], axis=1) for name in problem.sensor_names]
+    for k in range(steps):
+        numbers[k] = numbers[k - 1] if k else 0.0
+        given: dict[int, float] = {}
+        if placed.f:
+            given |= placed.inputs_of_f(None if data.inputs is None else data.inputs[k], {})
+        for sensor, name in enumerate(problem.sensor_names):
+            if placed.h and sampled[sensor][k]:
+                extra = data.observation_arguments
+                variants[k, sensor], inputs = placed.inputs_of_h(
+                    name, {} if extra is None else extra[k]
+                )
+                given |= inputs
+        numbers[k, [*given]] = [*given.values()]
+    return numbers, variants
 
 
 def _inputs(problem: Problem, steps: int) -> Array:
-    """Inputs as vectors, shape (K, u)."""
+    """Inputs as vectors, shape (K, u); none if they are no numbers, with f on the core."""
     given = problem.record.inputs
     if given is None:
         return np.zeros((steps, 0))
@@ -68,6 +131,8 @@ def _inputs(problem: Problem, steps: int) -> Array:
         inputs = inputs[:, np.newaxis]
     numbers = inputs.shape[1] if inputs.ndim == 2 else None
     if numbers is None or numbers > MAX_INPUTS or not np.isfinite(inputs).all():
+        if problem.models.f is not None:
+            return np.zeros((steps, 0))
         raise ValueError(
             f"scenario must have inputs that are at most {MAX_INPUTS} finite numbers each, not "
             f"those of {problem.name!r}"
@@ -80,6 +145,12 @@ def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
     _, sampled = _samples(problem)
     bits = 1 << np.arange(problem.params.m, dtype=np.uint64)
     return (sampled[:steps] @ bits).astype(np.uint32)
+
+
+def _terms(problem: Problem) -> NDArray[np.uint32]:
+    """Noise terms of each sensor."""
+    sensors = range(len(problem.sensor_names))
+    return np.array([len(problem.terms_of(sensor)) for sensor in sensors], dtype=np.uint32)
 
 
 def _interval(times: Array) -> float:
@@ -101,12 +172,11 @@ def _interval(times: Array) -> float:
     return next((each for each in written if abs(each - middle) <= rounding), middle)
 
 
-def _binary(problem: Problem, steps: int) -> bytes:
-    p = problem.params
-    tables = _tables(problem, steps)
+def _binary(scenario: _Scenario) -> bytes:
+    problem, tables, p = scenario.problem, scenario.tables, scenario.problem.params
     words = [
-        MAGIC, VERSION, p.n, p.m, p.q, p.r, tables["input"].shape[1], steps,
-        int(problem.redraws), 0,
+        MAGIC, VERSION, p.n, p.m, p.q, p.r, tables["input"].shape[1], scenario.steps,
+        int(problem.redraws), len(p.sensor_rows), tables["core_input"].shape[1], 0,
     ]  # fmt: skip
     numbers = np.concatenate(
         [[_interval(problem.times)], *(table.reshape(-1) for table in tables.values())]
@@ -114,17 +184,15 @@ def _binary(problem: Problem, steps: int) -> bytes:
     return b"".join((
         np.array(words, dtype="<u4").tobytes(),
         numbers.astype("<f8").tobytes(),
-        _sampled(problem, steps).astype("<u4").tobytes(),
+        *(table.astype("<u4").tobytes() for table in scenario.words.values()),
     ))  # fmt: skip
 
 
-def _header(problem: Problem, steps: int) -> str:
-    p = problem.params
-    tables = _tables(problem, steps)
-    sampled = _sampled(problem, steps)
+def _header(scenario: _Scenario) -> str:
+    problem, tables, p = scenario.problem, scenario.tables, scenario.problem.params
     interval = _interval(problem.times)
     lines = [
-        f"/* Scenario {problem.name}, {steps} steps. Generated, do not edit. */",
+        f"/* Scenario {problem.name}, {scenario.steps} steps. Generated, do not edit. */",
         "#ifndef UKF_SCENARIO_DATA_H",
         "#define UKF_SCENARIO_DATA_H",
         "",
@@ -144,21 +212,25 @@ def _header(problem: Problem, steps: int) -> str:
         rows = table if table.size else np.zeros((1, 1))
         lines += ["    " + " ".join(f"{value.hex()}," for value in row) for row in rows.tolist()]
         lines.append("};")
-    lines.append("static const uint32_t ukf_scenario_sampled[] = {")
-    lines += [
-        "    " + " ".join(f"{word:#x}," for word in sampled[k : k + 8].tolist())
-        for k in range(0, steps, 8)
-    ]
+    for name, numbers in scenario.words.items():
+        lines.append(f"static const uint32_t ukf_scenario_{name}[] = {{")
+        lines += [
+            "    " + " ".join(f"{word:#x}," for word in numbers[k : k + 8].tolist())
+            for k in range(0, len(numbers), 8)
+        ]
+        lines.append("};")
     members = {
         **{name: f"{getattr(p, name)}u" for name in "nmqr"},
         "inputs": f"{tables['input'].shape[1]}u",
-        "steps": f"{steps}u",
+        "steps": f"{scenario.steps}u",
         "redraw": "true" if problem.redraws else "false",
         "interval": "NAN" if np.isnan(interval) else interval.hex(),
-        **{name: f"ukf_scenario_{name}" for name in (*tables, "sampled")},
+        **{name: f"ukf_scenario_{name}" for name in (*list(tables)[:-1], "sampled")},
+        "sensors": f"{len(p.sensor_rows)}u",
+        "core_inputs": f"{tables['core_input'].shape[1]}u",
+        **{name: f"ukf_scenario_{name}" for name in ("core_input", "terms", "variant")},
     }
     lines += [
-        "};",
         "",
         "/* In the order of the struct: C++ before C++20 cannot name members. */",
         "static const struct ukf_scenario ukf_scenario_data = {",
@@ -182,9 +254,10 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     ----------
     problem
         The problem with its data. Its inputs are numbers or vectors, if it has any. Measurements
-        and masks are of all its sensors, in the order of their rows. Which numbers are angles is
-        known to the models in C. The interval of the scenario is that of its steps, or NaN if they
-        are not at equal ones; then the models need it as an input.
+        and masks are of all its sensors, in the order of their rows. What models on its core take,
+        arguments of h included, is there for each step. Which numbers are angles is known to the
+        models in C, and to the core. The interval of the scenario is that of its steps, or NaN if
+        they are not at equal ones; then the models need it as an input.
     steps
         How many of its steps.
     output
@@ -200,10 +273,8 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     ValueError
         If there are not that many steps, or the models take more than numbers.
     """
-    contents = {
-        BINARY: _binary(problem, steps),
-        HEADER: _header(problem, steps).encode(),
-    }
+    scenario = _scenario(problem, steps)
+    contents = {BINARY: _binary(scenario), HEADER: _header(scenario).encode()}
     output.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
         (output / name).write_bytes(content)

@@ -171,6 +171,8 @@ class Core:
                 "on_core": Placement.of(models).value,
                 "digest": f"{models.digest:#010x}",
                 "inputs": [*models.inputs],
+                "inputs_of_f": models.inputs_of_f,
+                "inputs_of_h": models.inputs_of_h,
             }
             if programs:
                 record["models"] |= {"programs": models.record()}

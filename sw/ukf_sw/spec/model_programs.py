@@ -11,7 +11,7 @@ in C execute the same steps, so they give equal bits.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -380,6 +380,17 @@ class CoreModels:
         )
 
     @cached_property
+    def inputs_of_f(self) -> int:
+        """How many of the first numbers in region U f takes."""
+        return 1 + max(_places(() if self.f is None else (self.f,)), default=-1)
+
+    @cached_property
+    def inputs_of_h(self) -> int:
+        """How many of the last numbers in region U the h of all sensors take."""
+        count = len(self.inputs)
+        return count - min(_places(each for variants in self.h for each in variants), default=count)
+
+    @cached_property
     def digest(self) -> int:
         """A number of 32 bits that other models have not, 0 of none; names do not matter."""
         if not self:
@@ -417,6 +428,16 @@ class CoreModels:
     def roots(self) -> frozenset[Root]:
         """What they ask of the unit 1/sqrt."""
         return frozenset(root for program in self for root in program.roots)
+
+
+def _places(programs: Iterable[ModelProgram]) -> set[int]:
+    """Places in region U that programs take."""
+    return {
+        source.index
+        for program in programs
+        for _, source in program.inputs
+        if source.kind is SourceKind.INPUT
+    }
 
 
 #: Of a core whose models run in software.

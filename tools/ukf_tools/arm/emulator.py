@@ -19,7 +19,7 @@ from ukf_sim.c_in_the_loop.compiler import (
     compile_application,
     write_headers,
 )
-from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
+from ukf_sim.c_in_the_loop.loop import first_difference, golden_results, in_software
 from ukf_sw.problem import Problem
 from ukf_sw.problems.scenario_files import CResults, export_scenario, read_results
 from ukf_tools.arm.register_server import RegisterServer
@@ -97,7 +97,7 @@ def run_on_arm(
         Folder for the program, its headers and its samples; made if absent.
     models
         C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
-        them; without any it must be a nanosatellite.
+        them; without any it must be a nanosatellite, or the core has all models.
     interrupt
         Whether the driver waits for the interrupt, or polls.
     warn
@@ -118,8 +118,8 @@ def run_on_arm(
     binary, _ = export_scenario(problem, steps, folder)
     write_headers(problem.params, folder)
     program = compile_application(
-        folder / PROGRAM, folder, models, main=LINUX_MAIN, toolchain=Toolchain.CORTEX_A9,
-        link_flags=("-static",), warn=warn,
+        folder / PROGRAM, folder, in_software(problem, models), main=LINUX_MAIN,
+        toolchain=Toolchain.CORTEX_A9, link_flags=("-static",), warn=warn,
     )  # fmt: skip
     results = folder / "results.bin"
     # Names of sockets are short, folders may be deep.

@@ -11,7 +11,7 @@ from ukf_sw.extras import require
 from ukf_sw.problems.finding import is_own
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.systems.nanosat import LIMIT
-from ukf_sw.spec.core import Core
+from ukf_sw.spec.core import Core, Placement
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_tools.cli.console import (
     JsonOption,
@@ -68,17 +68,19 @@ CModelsOption = Annotated[
 
 
 def _check_models(core: Core, models: list[Path]) -> None:
-    """Check that there are models in C for a problem, and a driver for the core."""
-    if core.problem is None or not (models or core.problem in NANOSATELLITES):
+    """Check that there are models for a problem, in C or on the core, and a driver for the core."""
+    on_core = Placement.of(core.params.models) is Placement.CORE
+    if on_core and models:
+        raise ValueError(
+            "--c-models must not be given with all models on the core, which calls none in C, not "
+            f"{str(models[0])!r}"
+        )
+    if core.problem is None or not (on_core or models or core.problem in NANOSATELLITES):
         known = ", ".join(NANOSATELLITES)
         raise ValueError(
             f"--problem must be one of {known}, whose models are in C, not {core.problem!r}; give "
-            "the models of another one with --c-models FILE.c"
-        )
-    if core.params.models:
-        raise ValueError(
-            "--models must be software: the driver in C does not start the steps of models on the "
-            "core"
+            "the models of another one with --c-models FILE.c, or have them on the core with "
+            "--models core"
         )
     for file in models:
         if file.suffix != ".c":
@@ -162,8 +164,9 @@ def c_loop(
     """Run the C driver and models in C on the simulated core, against the golden model.
 
     The models are those of a nanosatellite, or of any problem with --c-models: files that have what
-    sw/c/apps/application.h asks for, which `ukf new` writes as well. The exit code is 1 if a bit
-    differs from the filter in Python. For a plot, the covariance is read after each step as well.
+    sw/c/apps/application.h asks for, which `ukf new` writes as well. With --models core no problem
+    needs any. The exit code is 1 if a bit differs from the filter in Python. For a plot, the
+    covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import require_tools, run_c_in_the_loop
