@@ -38,6 +38,19 @@ AIM, FAR = [3.5, 0.1], [3.5, 90.0]
 WIDE = {"noise": Noise.ADDITIVE, "W0": 0.25, "form": Form.COVARIANCE, "format": BINARY64}
 
 
+class SingleWords:
+    """A bus without transfers of many words, so that each word may be broken off."""
+
+    def __init__(self, bus):
+        self.bus = bus
+
+    def read(self, address):
+        return self.bus.read(address)
+
+    def write(self, address, word):
+        self.bus.write(address, word)
+
+
 def call(ukf, method, *arguments, sensor=None, **keywords):
     """Call a filter in C or in Python; the number of a sensor becomes what it is called there."""
     if sensor is not None:
@@ -76,7 +89,7 @@ class Case:
             ukf.start(problem.x0, problem.P0, problem.Q, problem.R)
             ukf.set_gate(50.0)
         else:
-            driver = Driver(bus, params, clock=Clock(), timeout=0.01, interrupt=waits)
+            driver = Driver(SingleWords(bus), params, clock=Clock(), timeout=0.01, interrupt=waits)
             ukf = UnscentedKalmanFilter(problem, driver)
             ukf.gate = 50.0
         ukf.predict(U)
