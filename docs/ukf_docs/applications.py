@@ -76,7 +76,7 @@ def _errors(records: list[dict[str, Any]]) -> str:
     """Errors of each application, with its models in software and on the core."""
     rows: list[tuple[str, ...]] = []
     for name, placed in _by_name(records, simulated=False).items():
-        first = placed["software"]
+        first = next(iter(placed.values()))
         bounds = {(v["error"], v["measure"]): v for v in first["verdicts"]}
         begin = [f"[{name}](#{name})", str(first["runs"])]
         for error in first["errors"]:
@@ -131,7 +131,7 @@ def _cosimulations(records: list[dict[str, Any]]) -> str:
     """What was compared of each application, and what an iteration took."""
     rows: list[tuple[object, ...]] = []
     for name, placed in _by_name(records, simulated=True).items():
-        first = placed["software"]
+        first = next(iter(placed.values()))
         row: list[object] = [name, first["pes"], first["steps"]]
         for models in ("software", "core"):
             record = placed.get(models)
