@@ -1068,13 +1068,6 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
-        "C nanosatellite: a product is summed in another order",
-        "sw/c/apps/nanosat/nanosat.c",
-        "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
-        "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
-        C_DRIVER,
-    ),
-    Mutant(
         "C application: a sensor sees the mask of the first", "sw/c/apps/scenario_run.c",
         "sampled >> rows.first &", "sampled &",
         C_MODELS + " -k with_an_angle",

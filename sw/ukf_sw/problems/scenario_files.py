@@ -5,13 +5,13 @@ The layout is that of sw/c/apps/scenario_file.c.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.tracing.inputs import InputVector
 
 __all__ = ["CResults", "export_scenario", "read_results"]
 
@@ -33,16 +33,11 @@ def _samples(problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
     return np.hstack(observations), np.hstack(sampled)
 
 
-def _tables(problem: Problem, steps: int) -> dict[str, Array]:
+def _tables(problem: Problem, steps: int, inputs: InputVector) -> dict[str, Array]:
     """Numbers of a scenario by name, each of two dimensions."""
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    if data.observation_arguments is not None:
-        raise ValueError(
-            "scenario must have no observation arguments, which models in C do not take, not "
-            f"{problem.name!r}"
-        )
     observations, sampled = _samples(problem)
     measurements = np.where(sampled, observations, 0.0)[:steps]
     return {
@@ -50,29 +45,19 @@ def _tables(problem: Problem, steps: int) -> dict[str, Array]:
         "P0": problem.P0,
         "Q": problem.Q,
         "R": problem.R,
-        "input": _inputs(problem, steps),
+        "input": _inputs(problem, steps, inputs),
         "measurement": measurements,
     }
 
 
-def _inputs(problem: Problem, steps: int) -> Array:
-    """Inputs as vectors, shape (K, u)."""
-    given = problem.record.inputs
-    if given is None:
-        return np.zeros((steps, 0))
-    try:
-        inputs: NDArray[Any] = np.asarray(given[:steps], dtype=np.float64)
-    except (TypeError, ValueError):
-        inputs = np.empty(0)
-    if inputs.ndim == 1 and inputs.size:  # each is a number
-        inputs = inputs[:, np.newaxis]
-    numbers = inputs.shape[1] if inputs.ndim == 2 else None
-    if numbers is None or numbers > MAX_INPUTS or not np.isfinite(inputs).all():
+def _inputs(problem: Problem, steps: int, inputs: InputVector) -> Array:
+    """Give what the models take beside sigma points, shape (K, u)."""
+    if len(inputs) > MAX_INPUTS:
         raise ValueError(
-            f"scenario must have inputs that are at most {MAX_INPUTS} finite numbers each, not "
-            f"those of {problem.name!r}"
+            f"scenario must have at most {MAX_INPUTS} numbers that the models take in a step, not "
+            f"the {len(inputs)} of {problem.name!r}"
         )
-    return inputs
+    return inputs.table(problem, steps)
 
 
 def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
@@ -101,9 +86,8 @@ def _interval(times: Array) -> float:
     return next((each for each in written if abs(each - middle) <= rounding), middle)
 
 
-def _binary(problem: Problem, steps: int) -> bytes:
+def _binary(problem: Problem, steps: int, tables: dict[str, Array]) -> bytes:
     p = problem.params
-    tables = _tables(problem, steps)
     words = [
         MAGIC, VERSION, p.n, p.m, p.q, p.r, tables["input"].shape[1], steps,
         int(problem.redraws), 0,
@@ -118,9 +102,8 @@ def _binary(problem: Problem, steps: int) -> bytes:
     ))  # fmt: skip
 
 
-def _header(problem: Problem, steps: int) -> str:
+def _header(problem: Problem, steps: int, tables: dict[str, Array]) -> str:
     p = problem.params
-    tables = _tables(problem, steps)
     sampled = _sampled(problem, steps)
     interval = _interval(problem.times)
     lines = [
@@ -175,20 +158,24 @@ def _header(problem: Problem, steps: int) -> str:
     return "\n".join(lines)
 
 
-def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
+def export_scenario(
+    problem: Problem, steps: int, output: Path, inputs: InputVector | None = None
+) -> list[Path]:
     """Write a scenario for C programs. Equal scenarios give equal files.
 
     Parameters
     ----------
     problem
-        The problem with its data. Its inputs are numbers or vectors, if it has any. Measurements
-        and masks are of all its sensors, in the order of their rows. Which numbers are angles is
-        known to the models in C. The interval of the scenario is that of its steps, or NaN if they
-        are not at equal ones; then the models need it as an input.
+        The problem with its data. Measurements and masks are of all its sensors, in the order of
+        their rows. Which numbers are angles is known to the models in C. The interval of the
+        scenario is that of its steps, or NaN if they are not at equal ones; then the models need it
+        as an input.
     steps
         How many of its steps.
     output
         Folder to write to; made if absent.
+    inputs
+        What the input of a step is; None is what the data have.
 
     Returns
     -------
@@ -198,11 +185,12 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If there are not that many steps, or the models take more than numbers.
+        If there are not that many steps, or the models take what are no numbers, or too many.
     """
+    tables = _tables(problem, steps, InputVector.of(problem) if inputs is None else inputs)
     contents = {
-        BINARY: _binary(problem, steps),
-        HEADER: _header(problem, steps).encode(),
+        BINARY: _binary(problem, steps, tables),
+        HEADER: _header(problem, steps, tables).encode(),
     }
     output.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():

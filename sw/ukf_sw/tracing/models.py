@@ -20,6 +20,7 @@ from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.spec.parameters import Noise
 from ukf_sw.tracing.check import check
 from ukf_sw.tracing.graph import Graph
+from ukf_sw.tracing.inputs import by_constants, given_arguments, given_inputs
 from ukf_sw.tracing.symbols import constants, shape_of
 from ukf_sw.tracing.tracer import Call, trace
 
@@ -91,26 +92,6 @@ class TracedProblem:
         return self.f, *(model for models in self.h.values() for model in models)
 
 
-def _inputs(problem: Problem) -> Sequence[Any]:
-    """Give u of each step of the data; one example if there are none."""
-    if not callable(problem.data) and problem.data is not None:
-        given = problem.record.inputs
-        return [None] if given is None else list(given)
-    return [np.zeros(len(problem.inputs)) if problem.inputs else None]
-
-
-def _arguments(problem: Problem, sensor: str) -> Sequence[Given]:
-    """Keyword arguments of the h of a sensor, of the steps in which it was sampled."""
-    if callable(problem.data) or problem.data is None:
-        return [{}]
-    given = problem.record.observation_arguments
-    if given is None:
-        return [{}]
-    _, sampled = problem.samples(sensor)
-    own = [arguments for arguments, any_row in zip(given, sampled, strict=True) if any_row.any()]
-    return own or given
-
-
 def _check_shapes(what: str, given: Sequence[Any]) -> None:
     """Check that a value has the same shape in each step."""
     first = shape_of(given[0])
@@ -145,7 +126,7 @@ def _compare(problem: Problem, call: Call, graph: Graph, covariance: Array, data
 
 
 def _trace_f(problem: Problem) -> TracedModel:
-    inputs = _inputs(problem)
+    inputs = given_inputs(problem)
     _check_shapes("u", inputs)
     call = Call(
         function=problem.f,
@@ -167,10 +148,8 @@ def _trace_f(problem: Problem) -> TracedModel:
 def _trace_h(problem: Problem, name: str) -> tuple[TracedModel, ...]:
     """Trace h of a sensor, once for each combination of constants."""
     sensor = problem.sensor(name)
-    arguments = _arguments(problem, name)
-    of_kind: dict[tuple[tuple[str, Any], ...], list[Given]] = {}
-    for given in arguments:
-        of_kind.setdefault(tuple(constants(given).items()), []).append(given)
+    arguments = given_arguments(problem, name)
+    of_kind = by_constants(arguments)
     model = check_takes(sensor.h, f"observation model {of_sensor('h', name)}", ("x", "v"))
     if len(of_kind) > LARGEST_VARIETY:
         many = ", ".join(constants(arguments[0]))
