@@ -354,7 +354,3 @@ def test_export_complains(tmp_path):
     )
     assert result.exit_code == 2
     assert "--output must be a folder" in result.output
-    result = CliRunner().invoke(app, ["c-loop", "--n", "2", "--m", "1"])
-    assert result.exit_code == 2
-    assert "--problem must be one of nanosat, " in result.output
-    assert "whose models are in C, not None" in result.output

@@ -14,7 +14,6 @@ from ukf_hdl.generate import description
 from ukf_hdl.instance import Instance
 from ukf_hdl.interfaces.c_driver import c_headers
 from ukf_sim.c_in_the_loop.compiler import (
-    DRIVER,
     Toolchain,
     compile_c,
     write_headers,
@@ -26,13 +25,17 @@ from ukf_sw.lowering.c_problem import c_problem_files
 from ukf_sw.lowering.software import in_core_arithmetic, software_models
 from ukf_sw.problems.catalogue import CATALOGUE
 from ukf_sw.problems.recipe import Recipe
+from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.float_format import BINARY16, BINARY32, BINARY64
+from ukf_sw.spec.parameters import UkfParams
 from ukf_tools.arm.emulator import arm_available, run_on_arm
 
 from .test_c_models import natively
 
 needs_cc = pytest.mark.skipif(not Toolchain.NATIVE.available, reason="no C compiler")
 QUICK = ("battery", "ctrv")
+#: Compiles in half the time.
+LIBRARY = ("-shared", "-fPIC", "-O0")
 
 
 # Whole runs.
@@ -59,6 +62,15 @@ def test_in_binary64(tmp_path):
     done, results = natively(made, (), tmp_path, 6)
     assert done.returncode == 0, done.stderr
     assert first_difference(results, golden_results(in_core_arithmetic(made), 6)) is None
+
+
+@needs_cc
+def test_a_random_system_runs_in_c(tmp_path):
+    """Sizes alone are a problem, too."""
+    made = random_scenario(UkfParams(n=3, m=2, q=1, r=2), steps=10)
+    done, results = natively(made, (), tmp_path, 10)
+    assert done.returncode == 0, done.stderr
+    assert first_difference(results, golden_results(in_core_arithmetic(made), 10)) is None
 
 
 @pytest.mark.slow
@@ -98,8 +110,8 @@ def compiled(problem, folder, real=ctypes.c_double):
     write_headers(problem.params, folder)
     write_models(problem, folder)
     name = {ctypes.c_double: "double", ctypes.c_float: "float"}[real]
-    sources = [*DRIVER, folder / "ukf_model.c", folder / "ukf_problem.c"]
-    flags = ("-shared", "-fPIC", f"-DUKF_REAL={name}")
+    sources = [folder / "ukf_model.c", folder / "ukf_problem.c"]
+    flags = (*LIBRARY, f"-DUKF_REAL={name}")
     library = ctypes.CDLL(str(compile_c(sources, folder / "problem.so", [folder], flags=flags)))
     models = Models.in_dll(library, "ukf_problem")
 
@@ -218,8 +230,18 @@ def test_the_header_says_what_the_numbers_are():
 @pytest.mark.parametrize(
     ("models", "there", "missing"),
     [
-        ("f", ("ukf_model_h(",), (".process = process", "static bool process")),
-        ("h", (".process = process", "ukf_model_f("), ("ukf_model_h(", "observe_sensor")),
+        pytest.param(
+            "f",
+            ("ukf_model_h(",),
+            (".process = process", "static bool process"),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "h",
+            (".process = process", "ukf_model_f("),
+            ("ukf_model_h(", "observe_sensor"),
+            marks=pytest.mark.slow,
+        ),
         ("core", (".process = NULL", ".observe = NULL"), ("ukf_model.h", "round_numbers")),
     ],
 )
@@ -257,8 +279,7 @@ def test_cores_of_other_names_can_be_in_one_program(tmp_path):
         for name, text in (headers | files).items():
             (tmp_path / name).write_text(text)
             sources += [tmp_path / name] if name.endswith(".c") else []
-    flags = ("-shared", "-fPIC")
-    assert compile_c([*DRIVER, *sources], tmp_path / "both.so", [tmp_path], flags=flags).is_file()
+    assert compile_c(sources, tmp_path / "both.so", [tmp_path], flags=LIBRARY).is_file()
 
 
 # Commands.
