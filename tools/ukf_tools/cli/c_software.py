@@ -145,7 +145,8 @@ def export(
             inputs = InputVector.of(made)
             if inputs.choices and recipe.name is not None:
                 # The models are numbered in the order in which `ukf generate` meets them.
-                inputs = InputVector.of(example_of(recipe.name))
+                known = InputVector.of(example_of(recipe.name))
+                inputs = known if set(known.choices) == set(inputs.choices) else inputs
             files = export_scenario(made, steps, output, inputs)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
