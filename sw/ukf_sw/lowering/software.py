@@ -25,7 +25,7 @@ from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.spec.float_format import FloatFormat
 from ukf_sw.spec.model_programs import ModelProgram, SourceKind
 from ukf_sw.tracing.inputs import InputVector
-from ukf_sw.tracing.models import TracedProblem, trace_problem
+from ukf_sw.tracing.models import trace_problem
 from ukf_sw.tracing.symbols import constants
 
 __all__ = ["SoftwareModels", "in_core_arithmetic", "software_models"]
@@ -99,9 +99,7 @@ class SoftwareModels:
         return {SourceKind.STATE: x, SourceKind.NOISE: noise, SourceKind.INPUT: numbers}
 
 
-def software_models(
-    problem: Problem, fmt: FloatFormat | None = None, traced: TracedProblem | None = None
-) -> SoftwareModels:
+def software_models(problem: Problem, fmt: FloatFormat | None = None) -> SoftwareModels:
     """Make programs of the models of a problem, for software.
 
     Parameters
@@ -110,8 +108,6 @@ def software_models(
         The problem. Its data say what the models are called with.
     fmt
         Number format; None is that of the problem.
-    traced
-        What was traced of it; None traces it.
 
     Raises
     ------
@@ -120,7 +116,7 @@ def software_models(
         :func:`ukf_sw.lowering.program.lower_model`.
     """
     fmt = problem.format if fmt is None else fmt
-    traced = trace_problem(problem) if traced is None else traced
+    traced = trace_problem(problem)
     inputs = InputVector.of(problem)
     places: list[InputPlace] = [("f", source) for source in inputs.u]
     places += [("h", source) for source in inputs.arguments]
