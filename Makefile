@@ -137,7 +137,8 @@ zynq-c: $(STAMP) ## Run the C driver on the simulated core and on an emulated AR
 	$(BIN)/python -m pytest tests/hdl/test_interfaces.py tests/system/test_c_driver.py \
 		tests/system/test_c_ports.py tests/system/test_c_programs.py tests/system/test_c_loop.py \
 		tests/system/test_c_models.py tests/system/test_c_models_on_core.py \
-		tests/system/test_c_programs_on_core.py -m "not slow"
+		tests/system/test_c_programs_on_core.py tests/system/test_c_problem.py \
+		tests/system/test_c_catalogue.py -m "not slow"
 	$(BIN)/ukf c-loop --problem nanosat --pes 2 --steps 1000 --beside-cocotb 30
 	$(BIN)/ukf c-loop --problem nanosat --pes 10 --models core
 	@if command -v arm-linux-gnueabihf-gcc >/dev/null && command -v qemu-arm >/dev/null; then \

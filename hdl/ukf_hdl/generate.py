@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import dropwhile
@@ -22,6 +22,7 @@ from ukf_hdl.interfaces.register_page import register_page
 from ukf_hdl.interfaces.svd import svd
 from ukf_hdl.lint_waivers import lint_waivers
 from ukf_sw import __version__
+from ukf_sw.c_sources import CNames
 from ukf_sw.folders import cache_folder, check_folder, locked, replacing
 from ukf_sw.spec.core import PARAMETERS, Core
 from ukf_sw.spec.memory_map import MemoryMap
@@ -296,7 +297,9 @@ def _builtin_yosys():
         os.environ.update(before)
 
 
-def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
+def write_together(
+    files: Mapping[str, str], output: Path, *, gone: Iterable[str] = ()
+) -> list[Path]:
     """Write files that belong together, each whole or not at all, and all of them at once.
 
     Whoever writes others to the same folder at the same time waits, so those of the last one stay.
@@ -307,6 +310,8 @@ def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
         Contents by name.
     output
         Folder to write to; made if absent.
+    gone
+        Names of files that are not to be there afterwards, if they are not among the others.
 
     Returns
     -------
@@ -319,6 +324,8 @@ def write_together(files: Mapping[str, str], output: Path) -> list[Path]:
             (output / name).parent.mkdir(parents=True, exist_ok=True)
             with replacing(output / name) as part:
                 part.write_text(content, encoding="utf-8")
+        for name in set(gone).difference(files):
+            (output / name).unlink(missing_ok=True)
     return [output / name for name in files]
 
 
@@ -358,6 +365,7 @@ def generate(
     *,
     engine=None,
     instance: Instance = _INSTANCE,
+    models: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write a core to a folder. Equal inputs give equal files, byte for byte, with equal Amaranth.
 
@@ -376,12 +384,15 @@ def generate(
         In the place of the core's own, for tests.
     instance
         Its name and place in the system.
+    models
+        Models in C that belong to the core, contents by name of the file; those of a core that was
+        there before go.
 
     Returns
     -------
     list of Path
         The files written: Verilog, waivers for Verilator's lint, description, CMSIS-SVD, device
-        tree overlay, documentation of the registers, C driver.
+        tree overlay, documentation of the registers, C driver, models in C.
 
     Raises
     ------
@@ -389,4 +400,7 @@ def generate(
         At once, if the folder cannot be written to, or the core cannot be at this address.
     """
     check_folder("output", output)
-    return write_together(files_of(params, pipeline or Pipeline(), instance, engine), output)
+    written = files_of(params, pipeline or Pipeline(), instance, engine)
+    written = written | {f"c/{name}": text for name, text in (models or {}).items()}
+    gone = (f"c/{name}" for name in CNames(core=instance.name).files)
+    return write_together(written, output, gone=gone)

@@ -655,6 +655,9 @@ enum ukf_result ukf_predict(struct ukf *ukf, const void *input)
     if (result != UKF_OK) {
         return result;
     }
+    if (ukf->models->on_predict != NULL) {
+        ukf->models->on_predict(ukf->models->context, input);
+    }
     if (ukf->driver.core->has_f != 0u) {
         return predict_on_core(ukf);
     }

@@ -111,6 +111,11 @@ struct ukf_models {
     ukf_process_model process; /**< Not called, and may be NULL, if the core has f. */
     const struct ukf_sensor *sensors; /**< As many as the core has, in its order. */
     uint32_t state_angles; /**< Bit i: state i is an angle, in radians. The core knows those of its f. */
+    /**
+     * Told the input of each predict before all else, also with f on the core; NULL if nobody is. For
+     * an h in C that takes some of it.
+     */
+    void (*on_predict)(void *context, const void *input);
 };
 
 /** How to run a filter. */

@@ -34,7 +34,7 @@ from ukf_sw.spec.float_format import BINARY32, FloatFormat
 from ukf_sw.spec.model_programs import NO_MODELS, CoreModels
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
 
-__all__ = ["Data", "Problem", "Sensor", "of_sensor"]
+__all__ = ["ONLY", "Data", "Problem", "Sensor", "of_sensor"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -257,13 +257,28 @@ def test_cores_that_are_written_to_a_folder_at_once_are_not_mixed(tmp_path):
 def test_generate_writes_together(tmp_path, monkeypatch):
     written = []
     monkeypatch.setattr(
-        "ukf_hdl.generate.write_together", lambda files, output: written.append((files, output))
+        "ukf_hdl.generate.write_together",
+        lambda files, output, *, gone: written.append((files, output, set(gone))),
     )
     generate_stub(SMALLEST, tmp_path)
-    ((files, output),) = written
+    ((files, output, gone),) = written
     assert output == tmp_path
     assert "c/ukf_core.h" in files
+    assert gone == {f"c/ukf_{stem}.{kind}" for stem in ("model", "problem") for kind in "hc"}
     assert not list(tmp_path.iterdir())
+
+
+def test_models_in_c_are_written_as_well_and_others_go(tmp_path):
+    for name in ("ukf_model.c", "ukf_problem.h", "left_model.c"):
+        (tmp_path / "c").mkdir(exist_ok=True)
+        (tmp_path / "c" / name).write_text("another")
+    paths = generate(
+        SMALLEST, Pipeline(), tmp_path, engine=StubEngine(SMALLEST), models={"ukf_model.c": "new"}
+    )
+    assert tmp_path / "c" / "ukf_model.c" in paths
+    assert (tmp_path / "c" / "ukf_model.c").read_text() == "new"
+    assert not (tmp_path / "c" / "ukf_problem.h").exists()
+    assert (tmp_path / "c" / "left_model.c").read_text() == "another", "of a core of another name"
 
 
 def test_place_is_judged_before_the_work(tmp_path, monkeypatch):

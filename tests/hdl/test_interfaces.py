@@ -18,6 +18,8 @@ from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import generate, interface_files
 from ukf_hdl.instance import Instance
 from ukf_sw.c_sources import C_SOURCES, DRIVER_SOURCES
+from ukf_sw.lowering.c_problem import c_problem_files
+from ukf_sw.lowering.software import software_models
 from ukf_sw.problems.scenario_files import export_scenario
 from ukf_sw.problems.systems.nanosat import nanosat
 from ukf_sw.spec.float_format import BINARY16, BINARY64
@@ -294,30 +296,16 @@ def test_a_program_links_with_the_driver(language, standard, c_folder, tmp_path)
 
 
 #: What the reader of the page has to bring.
-MY_MODELS = """\
+MY_DATA = """\
 #include <stdbool.h>
 #include "ukf_core.h"
-#include "ukf_real.h"
+#include "ukf_problem.h"
 
-struct my_input { int sample; };
-static int my_parameters;
 static const ukf_real x0[UKF_N], P0[UKF_N * UKF_N], Q[UKF_Q * UKF_Q], R[UKF_R * UKF_R];
 
-static bool my_f(void *context, const ukf_real *x, const ukf_real *w, const void *u, ukf_real *next)
+static bool my_data(ukf_real *u, ukf_real *z)
 {
-    next[0] = x[0] + w[0] + ((const struct my_input *)u)->sample;
-    return context != NULL;
-}
-
-static bool my_h(void *context, const ukf_real *x, const ukf_real *v, ukf_real *z)
-{
-    z[0] = x[0] + v[0];
-    return context != NULL;
-}
-
-static bool my_data(struct my_input *u, ukf_real *z)
-{
-    u->sample = 0;
+    u[UKF_PROBLEM_INPUTS - 1u] = 0;
     z[0] = 0;
     return false;
 }
@@ -390,10 +378,14 @@ def test_the_program_of_the_page_stops_if_something_is_wrong(device, message, c_
     shutil.copytree(c_folder, folder)
     program = programs_of_the_page()[0]
     assert program.count('"/dev/uio0') == 2
-    (folder / "my_models.h").write_text(MY_MODELS)
+    (folder / "my_data.h").write_text(MY_DATA)
+    models = c_problem_files(software_models(nanosat(steps=1)))
+    for name, text in models.items():
+        (folder / name).write_text(text)
     (folder / "main.c").write_text(program.replace("/dev/uio0", device))
     (folder / "zeros").write_bytes(bytes(1 << MemoryMap(NANOSAT).address_width))
-    subprocess.run(written_command(folder), cwd=folder, check=True)
+    command = written_command(folder)
+    subprocess.run([*command, "ukf_model.c", "ukf_problem.c"], cwd=folder, check=True)
     objects = sorted(path.name for path in folder.glob("*.o"))
     command = ["gcc", "-std=c11", *STRICT, "-I.", "-Iports", "main.c", *objects, "-lm"]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

@@ -32,6 +32,8 @@ C_RECOVERY = "tests/system/test_c_recovery.py"
 C_MODELS = "tests/system/test_c_models.py"
 C_ON_CORE = "tests/system/test_c_models_on_core.py"
 C_RECOVERY_OF_MODELS = "tests/system/test_c_recovery_of_models.py"
+C_PROBLEM = "tests/system/test_c_problem.py"
+SOFTWARE_MODELS = "tests/sw/test_software_models.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
 MODEL_PROGRAMS = "tests/sw/test_model_programs.py"
 MODELS_IN_CORE = "tests/sw/test_golden_core_of_models.py"
@@ -1184,11 +1186,63 @@ MUTANTS = [
         C_DRIVER,
     ),
     Mutant(
-        "C nanosatellite: a product is summed in another order",
-        "sw/c/apps/nanosat/nanosat.c",
-        "next[0] += half * (q0 * r1 + q2 * r3 - q3 * r2);",
-        "next[0] += half * (q0 * r1 - q3 * r2 + q2 * r3);",
-        C_DRIVER,
+        "written models: numbers next to the smallest normal one are rounded twice",
+        "sw/ukf_sw/lowering/c_problem.py",
+        "fabs(number) < 0x1p-126 - 0x1p-151 ?", "number != number ?",
+        C_PROBLEM + " -k rounded_as_in_python",
+    ),
+    Mutant(
+        "written models: a model that there is not is the first", "sw/ukf_sw/lowering/c_problem.py",
+        "? (uint32_t){number} : {count}u;", "? (uint32_t){number} : 0u;",
+        C_PROBLEM + " -k without_their_numbers",
+    ),
+    Mutant(
+        "written models: numbers that were never given are zeros",
+        "sw/ukf_sw/lowering/c_problem.py",
+        'lines += ["if (!given.is_set) {", "    return false;", "}"]\n        lines.append(',
+        "pass\n        lines.append(",
+        C_PROBLEM + " -k without_their_numbers",
+    ),
+    Mutant(
+        "written models: angles of a sensor are those of the state",
+        "sw/ukf_sw/lowering/c_problem.py",
+        'cast("tuple[int, ...]", self._problem.sensor(name).angles)',
+        'cast("tuple[int, ...]", self._problem.state_angles)',
+        C_PROBLEM + " -k sensors_and_angles",
+    ),
+    Mutant(
+        "written models: those of another core stay beside a core without",
+        "hdl/ukf_hdl/generate.py",
+        "for name in set(gone).difference(files):", "for name in ():",
+        C_PROBLEM + " -k says_why",
+    ),
+    Mutant(
+        "written models: an export numbers them in its own order",
+        "tools/ukf_tools/cli/c_software.py",
+        "if inputs.choices and recipe.name is not None:", "if recipe.name is None:",
+        C_PROBLEM + " -k an_export",
+    ),
+    Mutant(
+        "written models: a sensor that was not sampled chooses", "sw/ukf_sw/tracing/inputs.py",
+        "if sensor not in used:", "if not used:",
+        "tests/sw/test_tracing_inputs.py -k not_sampled",
+    ),
+    Mutant(
+        "written models: C is compared with models in float64", "tools/ukf_tools/arm/emulator.py",
+        "problem = write_models(problem, folder)", "write_models(problem, folder)",
+        "tests/system/test_c_programs.py -k cortex_a9",
+    ),
+    Mutant(
+        "models in software: a sensor has the noise of the next", "sw/ukf_sw/lowering/software.py",
+        "name: tuple(lower_model(model, fmt, places) for model in models)",
+        "name: tuple(lower_model(model, fmt, places, (), 1) for model in models)",
+        SOFTWARE_MODELS + " -k noise",
+    ),
+    Mutant(
+        "models in software: angles are wrapped twice", "sw/ukf_sw/lowering/software.py",
+        "f=lower_model(traced.f, fmt, places),",
+        "f=lower_model(traced.f, fmt, places, problem.state_angles),",
+        SOFTWARE_MODELS + " -k angles",
     ),
     Mutant(
         "C application: a sensor sees the mask of the first", "sw/c/apps/scenario_run.c",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ukf_sim.c_in_the_loop.compiler import DRIVER, NANOSAT_MODELS, compile_c, write_headers
+from ukf_sim.c_in_the_loop.compiler import DRIVER, compile_c, write_headers
 from ukf_sw.drivers.bus import Bus
 from ukf_sw.errors import BusError
 from ukf_sw.lowering.placement import PlacedModels
@@ -105,9 +105,7 @@ class CFilterError(Exception):
         self.fault = fault
 
 
-def compile_library(
-    params: UkfParams, folder: Path, *, application: bool = False, flags: tuple[str, ...] = ()
-) -> ctypes.CDLL:
+def compile_library(params: UkfParams, folder: Path, *, flags: tuple[str, ...] = ()) -> ctypes.CDLL:
     """Compile the C filter for a core as a library, and load it.
 
     Parameters
@@ -116,8 +114,6 @@ def compile_library(
         The core.
     folder
         Folder for headers and library; made if absent.
-    application
-        Whether to compile the models of the nanosatellite as well.
     flags
         Further flags of the compiler.
 
@@ -127,8 +123,9 @@ def compile_library(
         If it does not compile.
     """
     write_headers(params, folder)
-    sources = [*DRIVER, BINDING, *((NANOSAT_MODELS,) if application else ())]
-    library = compile_c(sources, folder / "libukf.so", [folder], flags=("-shared", "-fPIC", *flags))
+    library = compile_c(
+        [*DRIVER, BINDING], folder / "libukf.so", [folder], flags=("-shared", "-fPIC", *flags)
+    )
     return ctypes.CDLL(str(library))
 
 

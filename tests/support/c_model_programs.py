@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ukf_sim.c_in_the_loop.compiler import Toolchain, compile_c
-from ukf_sw.elementary.execution import execute
+from ukf_sw.elementary.execution import execute_program
 from ukf_sw.lowering.c_arithmetic import number_type
 from ukf_sw.lowering.c_models import c_files
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.model_programs import ModelProgram, SourceKind, Temporary
+from ukf_sw.spec.model_programs import ModelProgram, SourceKind
 from ukf_tools.arm.emulator import EMULATOR
 
 __all__ = ["dtype", "execute_c", "execute_golden", "words"]
@@ -53,25 +53,13 @@ def execute_golden(program: ModelProgram, points: Mapping[str, Numbers]) -> Numb
     points
         Rows of numbers by kind: x, noise, u.
     """
-    fmt = program.fmt
-    values: dict[Temporary, NDArray[np.float64]] = {}
-    for temporary, source in program.inputs:
-        # NaN may be signalling.
-        with np.errstate(invalid="ignore"):
-            values[temporary] = fmt.round(
-                points[source.kind.value][:, source.index].astype(np.float64)
-            )
-    execute(fmt, program.steps, values)
-    count = len(next(iter(points.values())))
-    results = np.empty((count, len(program.outputs)), dtype(fmt))
-    for row, output in enumerate(program.outputs):
-        results[:, row] = values[output] if isinstance(output, Temporary) else output.value
-    return results
+    numbers: dict[SourceKind, Any] = {kind: points[name].T for name, kind in KINDS.items()}
+    return execute_program(program, numbers).T.astype(dtype(program.fmt))
 
 
 def execute_c(
     programs: Mapping[str, ModelProgram],
-    points: Mapping[str, Numbers],
+    points: Mapping[str, Mapping[str, Numbers]],
     folder: Path,
     *,
     toolchain: Toolchain = Toolchain.NATIVE,
@@ -84,7 +72,7 @@ def execute_c(
     programs
         Programs by name.
     points
-        Points for all of them.
+        Points of each, as many of all.
     folder
         Folder for sources, programs, and points.
     toolchain, flags
@@ -117,10 +105,10 @@ static const struct {{
         [HARNESS, folder / "ukf_model.c"], folder / "program", [folder], toolchain=toolchain,
         flags=(*flags, *(("-static",) if is_arm else ())),
     )  # fmt: skip
-    count = len(points["x"])
+    count = len(next(iter(points.values()))["x"])
     with (folder / "points").open("wb") as file:
-        for size in sizes.values():
-            table = np.hstack([points[kind][:, :number] for kind, number in size.items()])
+        for name, size in sizes.items():
+            table = np.hstack([points[name][kind][:, :number] for kind, number in size.items()])
             file.write(np.ascontiguousarray(table, dtype(fmt)).tobytes())
     subprocess.run(
         [*(EMULATOR if is_arm else ()), str(program), str(folder / "points"),

@@ -171,6 +171,25 @@ def test_operands_broadcast():
     assert arithmetic.add(BINARY64, 1.0, 2.0).shape == ()
 
 
+@pytest.mark.parametrize("fmt", FORMATS.values(), ids=lambda fmt: fmt.name)
+def test_a_product_and_a_sum_at_once(fmt):
+    """Rounded twice; what has one number is the same for all."""
+    a, b = hostile_operands(fmt, np.random.default_rng(4), 1000)
+    c = np.roll(b, 7)
+    for operands in ((c, a, b), (c[5:6], a, b), (c, a[9:10], b), (c, a, b[3:4])):
+        found = arithmetic.multiply_add(fmt, *operands)
+        expected = arithmetic.add(fmt, operands[0], arithmetic.multiply(fmt, *operands[1:]))
+        assert found.shape == expected.shape
+        assert np.where(np.isnan(found), np.nan, found).tobytes() == (
+            np.where(np.isnan(expected), np.nan, expected).tobytes()
+        )
+
+
+def test_lengths_fit():
+    with pytest.raises(ValueError, match="shape mismatch"):
+        arithmetic.multiply_add(BINARY32, np.ones(2), np.ones(3), np.ones(1))
+
+
 @pytest.mark.parametrize("fmt", ALL_FORMATS, ids=lambda fmt: fmt.name)
 def test_kernels_work_in_compiled_code(fmt):
     @njit

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from support.beacons import STEPS, rover, see_heading, with_data
 from ukf_sw.errors import FormatOverflowError, TraceError
 from ukf_sw.problem import Data, Problem, Sensor
 from ukf_sw.problems.catalogue import CATALOGUE
@@ -89,55 +90,6 @@ def test_operations_of_the_catalogue():
 
 
 # Problems of a user.
-
-
-def drive(x, w, u):
-    speed, turn = u
-    return np.array([x[0] + speed * np.cos(x[1]) + w[0], x[1] + turn])
-
-
-def see_beacon(x, v, *, beacon, place, height=0.0):
-    offset = place[0] - x[0]
-    if beacon == "near":
-        return np.array([np.hypot(offset, height) + v[0]])
-    return np.array([offset * offset + v[0]])
-
-
-def see_heading(x, v, **_):
-    return x[1:] + v
-
-
-STEPS = 6
-
-
-def rover(**changes):
-    arguments = [
-        {"beacon": ("near", "far")[k % 2], "place": np.array([5.0 + k, 1.0])} for k in range(STEPS)
-    ]
-    usual = {
-        "name": "rover",
-        "f": drive,
-        "sensors": {
-            "beacon": Sensor(see_beacon, R=[[0.01]], m=1),
-            "compass": Sensor(see_heading, R=[[0.04]], m=1),
-        },
-        "x0": [1.0, 0.5],
-        "P0": np.eye(2),
-        "Q": [[0.01]],
-        "inputs": {"speed": "m/s", "turn": "rad/s"},
-        "data": Data(
-            times=np.arange(float(STEPS)),
-            measurements={name: np.zeros((STEPS, 1)) for name in ("beacon", "compass")},
-            inputs=np.ones((STEPS, 2)),
-            observation_arguments=arguments,
-        ),
-    }
-    return Problem(**{**usual, **changes})
-
-
-def with_data(**changes):
-    problem = rover()
-    return replace(problem, data=replace(problem.record, **changes))
 
 
 def test_each_value_of_a_constant_is_a_program():

@@ -48,6 +48,10 @@ BOUNDS = {
     ("fast", 1.0): 5e-4,
     ("fast-additive", 0.01): 5e-4,
     ("fast-additive", 1.0): 5e-4,
+    ("traced", 0.01): 5e-4,
+    ("traced", 1.0): 5e-4,
+    ("traced-additive", 0.01): 5e-4,
+    ("traced-additive", 1.0): 5e-4,
 }
 
 
@@ -153,6 +157,7 @@ def test_counts_on_arm(tmp_path):
     # A dense product of 20 by 20 by 22 is 8 800 multiply-adds.
     assert totals["gsl", 4] > 5 * 8_800
     assert totals["fast-additive", 4] < totals["fast", 4] < totals["gsl", 4] / 10
+    assert totals["fast", 4] < totals["traced", 4] < totals["gsl", 4] / 5
 
 
 # The command.

@@ -19,7 +19,6 @@ from ukf_sw.factors import IndefiniteError, check_definite, lower_factor, roundi
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.golden import GoldenCore
 from ukf_sw.problem import Problem, Sensor
-from ukf_sw.problems.systems.nanosat import NANOSAT, nanosat
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_sw.spec.memory_map import MemoryMap
 from ukf_sw.spec.parameters import Form, Noise, UkfParams
@@ -67,9 +66,7 @@ def library(tmp_path_factory):
 
     @cache
     def get(params, flags=()):
-        return compile_library(
-            params, tmp_path_factory.mktemp("c"), application=params == NANOSAT, flags=flags
-        )
+        return compile_library(params, tmp_path_factory.mktemp("c"), flags=flags)
 
     return get
 
@@ -909,32 +906,6 @@ def test_ordinary_singular_covariances_are_accepted(library):
     c.start(data["x0"], Q, Q, data["R"])
     assert np.allclose(c.P, Q, rtol=1e-14)
     c.set_noise(Q, data["R"])
-
-
-def test_models_of_the_nanosatellite_are_those_of_python(library):
-    """Bit for bit: the operations are in the same order, and there are no others than + - *."""
-    compiled = library(NANOSAT)
-    scenario = nanosat(steps=1)
-    h = scenario.sensor(*scenario.sensor_names).h
-    dt = np.array([scenario.times[0]])
-    rng = np.random.default_rng(5)
-    real = ctypes.POINTER(ctypes.c_double)
-
-    def address(array):
-        return array.ctypes.data_as(real)
-
-    for name in ("nanosat_process", "nanosat_observe"):
-        getattr(compiled, name).restype = ctypes.c_bool
-    for _ in range(500):
-        x = rng.standard_normal(7) * 10.0 ** rng.integers(-3, 3, 7)
-        w, u, v = rng.standard_normal(7), rng.standard_normal(3), rng.standard_normal(6)
-        following, z = np.empty(7), np.empty(6)
-        assert compiled.nanosat_process(
-            address(dt), address(x), address(w), address(u), address(following)
-        )
-        assert compiled.nanosat_observe(None, address(x), address(v), address(z))
-        assert following.tobytes() == np.asarray(scenario.f(x, w, u)).tobytes()
-        assert z.tobytes() == np.asarray(h(x, v)).tobytes()
 
 
 # What can go wrong.

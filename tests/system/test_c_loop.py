@@ -213,25 +213,36 @@ def test_steps_must_be_there(steps, tmp_path):
         export_scenario(nanosat(steps=3), steps, tmp_path)
 
 
-def test_arguments_of_observation_models_are_refused(tmp_path):
-    made = nanosat(steps=3)
-    data = replace(made.record, observation_arguments=[{}] * 3)
-    with pytest.raises(ValueError, match=r"^scenario must have no observation arguments, which "):
-        export_scenario(replace(made, data=data), 3, tmp_path)
+def test_arguments_of_observation_models_are_inputs(tmp_path):
+    """Behind u, in the step in which they are given."""
+    made = CATALOGUE["battery"].scenario(0, 3)
+    binary, _ = export_scenario(made, 3, tmp_path)
+    assert np.frombuffer(binary.read_bytes(), "<u4", 1, 24) == 2
+    p = made.params
+    first = 40 + 8 * (1 + p.n + p.n**2 + p.q**2 + p.r**2)
+    numbers = np.frombuffer(binary.read_bytes(), "<f8", 6, first).reshape(3, 2)
+    assert numbers[:, 0].tolist() == np.asarray(made.record.inputs).tolist()
+    assert numbers[:, 1].tolist() == [
+        given["current"] for given in made.record.observation_arguments
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    "inputs",
-    [[{"torque": 1.0}] * 3, ["left"] * 3, np.zeros((3, 33)), np.full((3, 1), np.nan),
-     [np.zeros(1), np.zeros(2), np.zeros(1)]],
-    ids=["dicts", "text", "33", "nan", "ragged"],
-)  # fmt: skip
-def test_inputs_are_numbers(inputs, tmp_path):
+    ("inputs", "message"),
+    [
+        (["left"] * 3, "^u must be a finite number in every step, and is none at step 0$"),
+        (np.full((3, 1), np.nan), r"^u\[0\] must be a finite number in every step"),
+        (
+            np.zeros((3, 33)),
+            "^scenario must have at most 32 numbers that the models take in a step,",
+        ),
+        ([np.zeros(1), np.zeros(2), np.zeros(1)], r"^u must have the shape \(1,\) in every step"),
+    ],
+    ids=["text", "nan", "33", "ragged"],
+)
+def test_inputs_are_numbers(inputs, message, tmp_path):
     made = nanosat(steps=3)
     made = replace(made, inputs=(), data=replace(made.record, inputs=inputs))
-    message = (
-        "^scenario must have inputs that are at most 32 finite numbers each, not those of 'nan"
-    )
     with pytest.raises(ValueError, match=message):
         export_scenario(made, 3, tmp_path)
 
@@ -347,7 +358,3 @@ def test_export_complains(tmp_path):
     )
     assert result.exit_code == 2
     assert "--output must be a folder" in result.output
-    result = CliRunner().invoke(app, ["c-loop", "--n", "2", "--m", "1"])
-    assert result.exit_code == 2
-    assert "--problem must be one of nanosat, " in result.output
-    assert "whose models are in C, not None" in result.output

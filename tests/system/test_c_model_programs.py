@@ -210,7 +210,7 @@ def make_points(fmt, rng, count):
 def compare(programs, fmt, folder, seed, *, count=POINTS, **options):
     """Demand equal bits."""
     points = make_points(fmt, np.random.default_rng(seed), count)
-    found = execute_c(programs, points, folder, **options)
+    found = execute_c(programs, dict.fromkeys(programs, points), folder, **options)
     numbers = 0
     for name, program in programs.items():
         expected = execute_golden(program, points)
@@ -304,7 +304,7 @@ def test_limits(fmt, tmp_path):
     program = of_sequence("limits", builder.finish(*results))
     none = np.zeros((len(points), 0), dtype(fmt))
     points = {"x": points, "noise": none, "u": none}
-    found = execute_c({"limits": program}, points, tmp_path, flags=FUSED)["limits"]
+    found = execute_c({"limits": program}, {"limits": points}, tmp_path, flags=FUSED)["limits"]
     expected = execute_golden(program, points)
     different = words(found) != words(expected)
     assert not different.any(), said(program, points, found, expected, different)

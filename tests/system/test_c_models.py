@@ -1,4 +1,4 @@
-"""Models of one's own in C: C in the loop for any problem, against the filter in Python."""
+"""Models of one's own in C, and C in the loop for any problem, against the filter in Python."""
 
 import json
 import re
@@ -19,9 +19,11 @@ from ukf_sim.c_in_the_loop.compiler import (
     compile_application,
     compile_c,
     write_headers,
+    write_models,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results
 from ukf_sw.errors import StepError
+from ukf_sw.lowering.software import in_core_arithmetic
 from ukf_sw.problems.recipe import Recipe
 from ukf_sw.problems.running import run
 from ukf_sw.problems.scenario_files import export_scenario, read_results
@@ -46,8 +48,13 @@ KINDS = [
 
 
 def natively(problem, models, folder, steps, flags=PLAIN):
-    """Run a program with these models on a golden model; gives the process, and its results."""
+    """Run a program on a golden model; gives the process, and its results.
+
+    Without models it has those that are written from the ones in Python.
+    """
     write_headers(problem.params, folder)
+    if not models:
+        write_models(problem, folder)
     binary, _ = export_scenario(problem, steps, folder)
     program = compile_application(
         folder / "program", folder, models, main=LINUX_MAIN, flags=flags, warn=pytest.fail
@@ -108,16 +115,16 @@ def test_two_sensors_with_an_angle(kind, tmp_path):
 @needs_cc
 @pytest.mark.parametrize("number", range(len(SIZES)))
 def test_projects_of_any_size(ukf, monkeypatch, tmp_path, number):
-    """What `ukf new` writes in C equals what it writes in Python."""
+    """What `ukf new` writes runs in C as well."""
     options, params = SIZES[number]
     name = f"c_strut_{number}"
     ukf("new", name, *options)
     monkeypatch.syspath_prepend(tmp_path / name)
     made = Recipe.of(f"{name}.model:problem").scenario(40)
     assert made.params == params
-    done, results = natively(made, [tmp_path / name / "c" / "model.c"], tmp_path, 40)
+    done, results = natively(made, (), tmp_path, 40)
     assert done.returncode == 0, done.stderr
-    assert first_difference(results, golden_results(made, 40)) is None
+    assert first_difference(results, golden_results(in_core_arithmetic(made), 40)) is None
 
 
 @needs_cc
@@ -216,7 +223,8 @@ def test_scenarios_for_another_core_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ((), "give the models of another one with --c-models FILE.c"),
+        ((), "must not branch on data, as in `angle > TURN / 2.0`"),
+        ((), "or write the models in C yourself, and give them with --c-models FILE.c"),
         (("--c-models", "none.c"), "--c-models must be files that exist, not 'none.c'"),
         (("--c-models", "."), "--c-models must be C files, which end with .c, not '.'"),
         (("--c-models", FOLDER / "model.py"), "--c-models must be C files, which end with .c, not"),
@@ -241,9 +249,9 @@ def test_mistakes_are_named_before_the_work(ukf, command, options, message):
 
 
 def test_models_are_of_a_problem(ukf):
-    """A random system has models that nobody can write in C."""
+    """Of sizes alone there is nothing to write in C oneself."""
     result = ukf("c-loop", "--n", 2, "--m", 3, *OPTIONS, code=2)
-    assert "--problem must be one of nanosat, " in result.stderr
+    assert "--c-models must be of a --problem, not of sizes alone" in result.stderr
 
 
 @needs_cc

@@ -22,12 +22,12 @@ FOLDERS = {
 #: What commands read: a few of each kind.
 DATA = {
     "ukf_sw/c/ukf_driver.c", "ukf_sw/c/ukf_driver.h", "ukf_sw/c/ports/uio.c",
-    "ukf_sw/c/apps/linux_main.c", "ukf_sw/c/apps/nanosat/nanosat.c",
+    "ukf_sw/c/apps/linux_main.c", "ukf_sw/c/apps/problem_application.c",
     "ukf_sw/problems/data/inertial.npz",
     "ukf_sw/problems/data/lidar_radar.txt", "ukf_hdl/packaging/vivado/build.tcl",
     "ukf_sim/c_in_the_loop/harness.cpp", "ukf_tools/baseline/c/fast.c",
     "ukf_tools/design_report/page.html.j2", "ukf_tools/new/templates/Makefile.jinja",
-    "ukf_tools/new/templates/package/model.py.jinja", "ukf_tools/new/templates/c/model.c.jinja",
+    "ukf_tools/new/templates/package/model.py.jinja",
     "ukf_sw/py.typed", "ukf_hdl/py.typed",
 }  # fmt: skip
 #: Modules that are named and not imported: by an entry point, by cocotb, by users.

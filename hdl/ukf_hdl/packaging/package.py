@@ -4,6 +4,7 @@ The scripts in ``vivado/`` are the same for every core and board. What differs i
 file, ``settings.tcl``, which has it from the core itself.
 """
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -101,6 +102,7 @@ def package(
     *,
     engine=None,
     instance: Instance | None = None,
+    models: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write a core and its packaging to a folder. Equal inputs give equal files, byte for byte.
 
@@ -116,6 +118,8 @@ def package(
         As for :func:`ukf_hdl.generate.generate`, for tests.
     instance
         Name of the core and its place; None is the usual one.
+    models
+        Models in C, as for :func:`ukf_hdl.generate.generate`.
 
     Returns
     -------
@@ -131,7 +135,9 @@ def package(
     """
     instance = Instance() if instance is None else instance
     check_place(params, instance)
-    written = generate(params, pipeline, output / "rtl", engine=engine, instance=instance)
+    written = generate(
+        params, pipeline, output / "rtl", engine=engine, instance=instance, models=models
+    )
     scripts = output / "vivado"
     scripts.mkdir(parents=True, exist_ok=True)
     sources = files("ukf_hdl.packaging") / "vivado"

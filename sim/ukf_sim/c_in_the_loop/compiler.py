@@ -15,6 +15,9 @@ from ukf_hdl.core.ukf_core import UkfCore
 from ukf_hdl.generate import description
 from ukf_hdl.interfaces.c_driver import c_headers
 from ukf_sw.c_sources import C_SOURCES, DRIVER_SOURCES
+from ukf_sw.lowering.c_problem import c_problem_files
+from ukf_sw.lowering.software import software_models
+from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import UkfParams
 
 __all__ = [
@@ -22,7 +25,6 @@ __all__ = [
     "DRIVER",
     "INCLUDES",
     "LINUX_MAIN",
-    "NANOSAT_MODELS",
     "RUN",
     "RUN_FILES",
     "CompilerError",
@@ -30,12 +32,14 @@ __all__ = [
     "compile_application",
     "compile_c",
     "compile_objects",
+    "models_in",
     "write_headers",
+    "write_models",
 ]
 
-#: Sources of the driver; of the models of the nanosatellite.
+#: Sources of the driver; of an application with models that were written for it.
 DRIVER = tuple(C_SOURCES / name for name in DRIVER_SOURCES)
-NANOSAT_MODELS = C_SOURCES / "apps" / "nanosat" / "nanosat.c"
+APPLICATION = C_SOURCES / "apps" / "problem_application.c"
 #: Of any application: what runs it; the same with files; main programs, with the ports.
 RUN = (C_SOURCES / "apps" / "scenario_run.c",)
 RUN_FILES = tuple(
@@ -48,7 +52,7 @@ BARE_METAL_MAIN = tuple(
     C_SOURCES / name for name in ("apps/bare_metal_main.c", "ports/bare_metal.c")
 )
 #: Folders of headers.
-INCLUDES = tuple(C_SOURCES / name for name in (".", "ports", "apps", "apps/nanosat"))
+INCLUDES = tuple(C_SOURCES / name for name in (".", "ports", "apps"))
 
 #: No fused multiply-add: the order and rounding of operations are those of the source.
 FLAGS = ("-O2", "-ffp-contract=off", "-Wall", "-Wextra")
@@ -110,6 +114,39 @@ def write_headers(params: UkfParams, folder: Path) -> None:
         gc.collect()
     for name, text in headers.items():
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def write_models(problem: Problem, folder: Path) -> Problem:
+    """Write the models of a problem in C, for :func:`models_in`.
+
+    Parameters
+    ----------
+    problem
+        The problem, with its data and the parameters of the core.
+    folder
+        Folder of the headers of the core.
+
+    Returns
+    -------
+    Problem
+        The same with models that compute the same bits in Python.
+
+    Raises
+    ------
+    TraceError
+        If a model cannot be a program.
+    ValueError
+        If they cannot be written in C.
+    """
+    models = software_models(problem)
+    for name, text in c_problem_files(models).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return models.rounded
+
+
+def models_in(folder: Path) -> tuple[Path, ...]:
+    """Give the sources of an application with the models that were written to a folder."""
+    return (*(folder / f"{name}.c" for name in ("ukf_model", "ukf_problem")), APPLICATION)
 
 
 def compile_c(
@@ -202,8 +239,8 @@ def compile_application(
         Folder of the generated headers of the core.
     models
         C files of the user, with ``ukf_application()``: see sw/c/apps/application.h. Their folders
-        are searched for headers. Without any the models are those of the nanosatellite; None: the
-        core has all models.
+        are searched for headers. Without any they are those that :func:`write_models` has written
+        to the folder of the headers; None: the core has all models.
     main
         Sources of the main program.
     toolchain
@@ -223,8 +260,8 @@ def compile_application(
     CompilerError
         If the compiler is not installed or does not compile a source.
     """
-    own = [*DRIVER, *RUN_FILES, *main, *((NANOSAT_MODELS,) if models == () else ())]
-    models = models or ()
+    written = () if models or models is None else models_in(headers)
+    own, models = [*DRIVER, *RUN_FILES, *main, *written], models or ()
     searched = [*INCLUDES, headers, *dict.fromkeys(source.resolve().parent for source in models)]
     folders = [f"-I{path}" for path in searched]
     with tempfile.TemporaryDirectory(prefix="ukf-objects-") as scratch:

@@ -5,8 +5,10 @@ its AXI4-Lite port (harness.cpp), and the C code as it would run on the board, a
 so that other models need no other program.
 
 The estimates are compared bit for bit with those of the Python filter on the golden model. The
-models are in C there and in Python here, both in double; if they use +, -, *, / and sqrt only, in
-the same order, and the C code is compiled without fused multiply-add, IEEE 754 leaves no room for a
+models in C are written from the functions in Python, and compute what a core with these models
+would; the filter in Python has them in the same arithmetic. Models of one's own in C are compared
+with the functions themselves, both in double: if they use +, -, *, / and sqrt only, in the same
+order, and the C code is compiled without fused multiply-add, IEEE 754 leaves no room for a
 difference. Those that are on the core are the same there and in the golden model.
 """
 
@@ -27,6 +29,7 @@ from ukf_sim.c_in_the_loop.compiler import (
     Toolchain,
     compile_application,
     write_headers,
+    write_models,
 )
 from ukf_sim.session import CACHE, step_timeout
 from ukf_sim.simulators import Simulator, SimulatorError
@@ -210,7 +213,7 @@ def run_c_in_the_loop(
         How many of its steps.
     models
         C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
-        them; without any it must be a nanosatellite, or the core has all models.
+        them; without any they are written from those in Python.
     pipeline
         How the core is built.
     interrupt
@@ -236,7 +239,10 @@ def run_c_in_the_loop(
     Raises
     ------
     ValueError
-        If the scenario cannot be exported, or nothing can be written to the cache.
+        If the scenario cannot be exported, the models cannot be written in C, or nothing can be
+        written to the cache.
+    TraceError
+        If a model cannot be a program.
     CompilerError, SimulatorError
         If a compiler is missing, at once; if something does not compile, or the program fails.
     """
@@ -249,6 +255,8 @@ def run_c_in_the_loop(
         scenario_file, _ = export_scenario(problem, steps, folder)
         # First, because models are what is wrong most often.
         write_headers(problem.params, folder / "headers")
+        if not models:
+            problem = write_models(problem, folder / "headers")
         application = compile_application(
             folder / "application.so", folder / "headers", in_software(problem, models),
             flags=("-fPIC",), link_flags=SHARED, warn=warn,

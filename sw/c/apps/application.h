@@ -1,6 +1,9 @@
 /**
  * @file
- * @brief What an application is: its models. You write one C file with this function and the models.
+ * @brief What an application is: its models.
+ *
+ * Those that `ukf generate` writes are one, with problem_application.c. For models of your own you
+ * write one C file with this function and the models.
  *
  * @code
  * #include "application.h"

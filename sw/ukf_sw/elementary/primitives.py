@@ -81,8 +81,8 @@ def evaluate(
     fmt
         Number format.
     word_0, word_1, scalar
-        Operands, numbers of that format, of shapes that broadcast. What is not used does not
-        matter.
+        Operands, numbers of that format, in one dimension, of length K or 1. What is not used does
+        not matter.
     before
         What the destination has before.
     """
@@ -95,8 +95,7 @@ def evaluate(
         c = np.array([zeros[form.addend]])
     else:
         c = word_0 if form.addend is Addend.WORD else scalar
-    b = _read(form, fmt, word_0, word_1)
-    result = arithmetic.add(fmt, c, arithmetic.multiply(fmt, a, b))
+    result = arithmetic.multiply_add(fmt, c, a, _read(form, fmt, word_0, word_1))
     result[np.isnan(result)] = np.nan
     if form.condition is Condition.ALWAYS:
         return result

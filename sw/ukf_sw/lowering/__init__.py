@@ -13,6 +13,8 @@ processor, computes the same bits. The modules build on each other in this order
     endings       the last steps of a program, which write its result
     program       programs of the models of a problem, with the numbers that they are given
     placement     what a filter tells a core that has them
+    software      the same programs as models in software
     c_arithmetic  the arithmetic of a core in C
     c_models      programs as functions in C
+    c_problem     what calls these for the filter in C
 """

@@ -1,6 +1,6 @@
 """Models of a problem on a core: their programs, and the numbers that it must be told for them."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -136,7 +136,9 @@ class PlacedModels:
                 if entry is not None and entry[0] == kind and entry[1] in used
             )
 
-        found: dict[tuple[str, int] | None, Needed] = {None: needed("f", self.traced.f)}
+        found: dict[tuple[str, int] | None, Needed] = {}
+        if self.f:
+            found[None] = needed("f", self.traced.f)
         for sensor, variants in self.traced.h.items():
             for variant, model in zip(self.variants[sensor], variants, strict=True):
                 found[sensor, variant] = needed("h", model)
@@ -174,8 +176,8 @@ def place_models(
     which = choose_models(models)
     if not which:
         return None
-    traced = trace_problem(problem)
-    places = places_of_inputs(_chosen(traced, which))
+    traced = trace_problem(problem, which)
+    places = places_of_inputs(traced.models)
     return PlacedModels(
         models=lower(traced, problem, problem.format if fmt is None else fmt, which, places),
         traced=traced,
@@ -205,8 +207,8 @@ def find_models(problem: Problem, models: CoreModels, fmt: FloatFormat) -> Place
         As :func:`place_models`, or if the core lacks the program of a model.
     """
     which = [kind for kind, there in (("f", models.f), ("h", models.h)) if there]
-    traced = trace_problem(problem)
-    found = {name_of(place): place for place in places_of_inputs(_chosen(traced, which))}
+    traced = trace_problem(problem, which)
+    found = {name_of(place): place for place in places_of_inputs(traced.models)}
     places = tuple(found.pop(name, None) for name in models.inputs)
     if found:
         raise _not_of(problem, models, next(iter(found)))
@@ -229,10 +231,6 @@ def find_models(problem: Problem, models: CoreModels, fmt: FloatFormat) -> Place
             for name, own, on_core in zip(traced.h, made.h, models.h, strict=False)
         },
     )
-
-
-def _chosen(traced: TracedProblem, which: Collection[str]) -> list[TracedModel]:
-    return [model for model in traced.models if ("f" if model.sensor is None else "h") in which]
 
 
 def _not_of(problem: Problem, models: CoreModels, missing: str) -> ValueError:

@@ -5,7 +5,6 @@ The layout is that of sw/c/apps/scenario_file.c.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from ukf_sw.extras import importing
 from ukf_sw.problem import Problem
 from ukf_sw.spec.parameters import UkfParams
+from ukf_sw.tracing.inputs import InputVector
 
 __all__ = ["CResults", "export_scenario", "read_results"]
 
@@ -54,15 +54,10 @@ class _Scenario:
     words: dict[str, NDArray[np.uint32]]
 
 
-def _scenario(problem: Problem, steps: int) -> _Scenario:
+def _scenario(problem: Problem, steps: int, inputs: InputVector | None) -> _Scenario:
     data = problem.record
     if not 1 <= steps <= data.steps:
         raise ValueError(f"steps must be between 1 and {data.steps}, not {steps!r}")
-    if data.observation_arguments is not None and not problem.models.h:
-        raise ValueError(
-            "scenario must have no observation arguments, which models in C do not take, not "
-            f"{problem.name!r}"
-        )
     observations, sampled = _samples(problem)
     measurements = np.where(sampled, observations, 0.0)[:steps]
     on_core, variants = _on_core(problem, steps)
@@ -71,7 +66,7 @@ def _scenario(problem: Problem, steps: int) -> _Scenario:
         "P0": problem.P0,
         "Q": problem.Q,
         "R": problem.R,
-        "input": _inputs(problem, steps),
+        "input": _inputs(problem, steps, inputs),
         "measurement": measurements,
         "core_input": on_core,
     }
@@ -95,12 +90,9 @@ def _on_core(problem: Problem, steps: int) -> tuple[Array, NDArray[np.uint32]]:
         return numbers, variants
     # What traces models is imported by those who need it.
     with importing("golden"):
-        from ukf_sw.lowering.placement import place_models
+        from ukf_sw.lowering.placement import find_models
 
-    which = {"f": "core"} if own.f is not None else {}
-    placed = place_models(problem, which | ({"h": "core"} if own.h else {}))
-    if placed is None or placed.models.digest != own.digest:
-        raise ValueError(f"models of a core for {problem.name} must be those of its data")
+    placed = find_models(problem, own, problem.format)
     sampled = [np.any(problem.samples(name)[1], axis=1) for name in problem.sensor_names]
     for k in range(steps):
         numbers[k] = numbers[k - 1] if k else 0.0
@@ -118,26 +110,17 @@ def _on_core(problem: Problem, steps: int) -> tuple[Array, NDArray[np.uint32]]:
     return numbers, variants
 
 
-def _inputs(problem: Problem, steps: int) -> Array:
-    """Inputs as vectors, shape (K, u); none if they are no numbers, with f on the core."""
-    given = problem.record.inputs
-    if given is None:
+def _inputs(problem: Problem, steps: int, inputs: InputVector | None) -> Array:
+    """Give what models in software take beside sigma points, shape (K, u)."""
+    if problem.models.f is not None and problem.models.h:
         return np.zeros((steps, 0))
-    try:
-        inputs: NDArray[Any] = np.asarray(given[:steps], dtype=np.float64)
-    except (TypeError, ValueError):
-        inputs = np.empty(0)
-    if inputs.ndim == 1 and inputs.size:  # each is a number
-        inputs = inputs[:, np.newaxis]
-    numbers = inputs.shape[1] if inputs.ndim == 2 else None
-    if numbers is None or numbers > MAX_INPUTS or not np.isfinite(inputs).all():
-        if problem.models.f is not None:
-            return np.zeros((steps, 0))
+    inputs = InputVector.of(problem) if inputs is None else inputs
+    if len(inputs) > MAX_INPUTS:
         raise ValueError(
-            f"scenario must have inputs that are at most {MAX_INPUTS} finite numbers each, not "
-            f"those of {problem.name!r}"
+            f"scenario must have at most {MAX_INPUTS} numbers that the models take in a step, not "
+            f"the {len(inputs)} of {problem.name!r}"
         )
-    return inputs
+    return inputs.table(problem, steps)
 
 
 def _sampled(problem: Problem, steps: int) -> NDArray[np.uint32]:
@@ -247,21 +230,25 @@ def _header(scenario: _Scenario) -> str:
     return "\n".join(lines)
 
 
-def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
+def export_scenario(
+    problem: Problem, steps: int, output: Path, inputs: InputVector | None = None
+) -> list[Path]:
     """Write a scenario for C programs. Equal scenarios give equal files.
 
     Parameters
     ----------
     problem
-        The problem with its data. Its inputs are numbers or vectors, if it has any. Measurements
-        and masks are of all its sensors, in the order of their rows. What models on its core take,
-        arguments of h included, is there for each step. Which numbers are angles is known to the
-        models in C, and to the core. The interval of the scenario is that of its steps, or NaN if
-        they are not at equal ones; then the models need it as an input.
+        The problem with its data. Measurements and masks are of all its sensors, in the order of
+        their rows. What models on its core take, arguments of h included, is there for each step.
+        Which numbers are angles is known to the models in C, and to the core. The interval of the
+        scenario is that of its steps, or NaN if they are not at equal ones; then the models need it
+        as an input.
     steps
         How many of its steps.
     output
         Folder to write to; made if absent.
+    inputs
+        What the input of a step is; None is what the data have.
 
     Returns
     -------
@@ -271,9 +258,9 @@ def export_scenario(problem: Problem, steps: int, output: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If there are not that many steps, or the models take more than numbers.
+        If there are not that many steps, or the models take what are no numbers, or too many.
     """
-    scenario = _scenario(problem, steps)
+    scenario = _scenario(problem, steps, inputs)
     contents = {BINARY: _binary(scenario), HEADER: _header(scenario).encode()}
     output.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():

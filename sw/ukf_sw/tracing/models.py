@@ -7,7 +7,7 @@ constants, and each of their values that occurs gives a program of its own. With
 vector of the problem's named inputs, or None.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -21,6 +21,7 @@ from ukf_sw.problem import Problem, of_sensor
 from ukf_sw.spec.parameters import Noise
 from ukf_sw.tracing.check import check
 from ukf_sw.tracing.graph import Graph
+from ukf_sw.tracing.inputs import by_constants, given_arguments, given_inputs
 from ukf_sw.tracing.symbols import constants, shape_of
 from ukf_sw.tracing.tracer import Call, trace
 
@@ -73,43 +74,38 @@ class TracedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class TracedProblem:
-    """All models of a problem.
+    """Models of a problem.
 
     Parameters
     ----------
-    f
-        Process model.
+    process
+        Process model; None if it has not been traced.
     h
-        Observation models of each sensor: one for each combination of constants.
+        Observation models of each sensor: one for each combination of constants. None of a sensor
+        if they have not been traced.
     """
 
-    f: TracedModel
+    process: TracedModel | None
     h: Mapping[str, tuple[TracedModel, ...]]
+
+    @property
+    def f(self) -> TracedModel:
+        """Process model.
+
+        Raises
+        ------
+        ValueError
+            If it has not been traced.
+        """
+        if self.process is None:
+            raise ValueError("f must be among the models that are traced")
+        return self.process
 
     @property
     def models(self) -> tuple[TracedModel, ...]:
         """All of them, f first."""
-        return self.f, *(model for models in self.h.values() for model in models)
-
-
-def _inputs(problem: Problem) -> Sequence[Any]:
-    """Give u of each step of the data; one example if there are none."""
-    if not callable(problem.data) and problem.data is not None:
-        given = problem.record.inputs
-        return [None] if given is None else list(given)
-    return [np.zeros(len(problem.inputs)) if problem.inputs else None]
-
-
-def _arguments(problem: Problem, sensor: str) -> Sequence[Given]:
-    """Keyword arguments of the h of a sensor, of the steps in which it was sampled."""
-    if callable(problem.data) or problem.data is None:
-        return [{}]
-    given = problem.record.observation_arguments
-    if given is None:
-        return [{}]
-    _, sampled = problem.samples(sensor)
-    own = [arguments for arguments, any_row in zip(given, sampled, strict=True) if any_row.any()]
-    return own or given
+        own = () if self.process is None else (self.process,)
+        return *own, *(model for models in self.h.values() for model in models)
 
 
 def _check_shapes(what: str, given: Sequence[Any]) -> None:
@@ -146,7 +142,7 @@ def _compare(problem: Problem, call: Call, graph: Graph, covariance: Array, data
 
 
 def _trace_f(problem: Problem) -> TracedModel:
-    inputs = _inputs(problem)
+    inputs = given_inputs(problem)
     _check_shapes("u", inputs)
     call = Call(
         function=problem.f,
@@ -175,10 +171,8 @@ def _trace_f(problem: Problem) -> TracedModel:
 def _trace_h(problem: Problem, name: str) -> tuple[TracedModel, ...]:
     """Trace h of a sensor, once for each combination of constants."""
     sensor = problem.sensor(name)
-    arguments = _arguments(problem, name)
-    of_kind: dict[tuple[tuple[str, Any], ...], list[Given]] = {}
-    for given in arguments:
-        of_kind.setdefault(tuple(constants(given).items()), []).append(given)
+    arguments = given_arguments(problem, name)
+    of_kind = by_constants(arguments)
     model = check_takes(sensor.h, f"observation model {of_sensor('h', name)}", ("x", "v"))
     if len(of_kind) > LARGEST_VARIETY:
         many = ", ".join(constants(arguments[0]))
@@ -210,8 +204,8 @@ def _trace_h(problem: Problem, name: str) -> tuple[TracedModel, ...]:
     return tuple(found)
 
 
-def trace_problem(problem: Problem) -> TracedProblem:
-    """Trace the models of a problem, and compare them with what was traced.
+def trace_problem(problem: Problem, which: Collection[str] = ("f", "h")) -> TracedProblem:
+    """Trace models of a problem, and compare them with what was traced.
 
     They are compared for the first estimate and for random points around it, with its covariance
     and far beyond it, with u and the arguments of some steps of the data.
@@ -220,6 +214,8 @@ def trace_problem(problem: Problem) -> TracedProblem:
     ----------
     problem
         The problem; data that are yet to be made are not looked at.
+    which
+        Which of its models; others need not be such as can be traced.
 
     Raises
     ------
@@ -232,5 +228,6 @@ def trace_problem(problem: Problem) -> TracedProblem:
         Whatever a model raises, with a note.
     """
     return TracedProblem(
-        f=_trace_f(problem), h={name: _trace_h(problem, name) for name in problem.sensor_names}
+        process=_trace_f(problem) if "f" in which else None,
+        h={name: _trace_h(problem, name) if "h" in which else () for name in problem.sensor_names},
     )

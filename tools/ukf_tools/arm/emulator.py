@@ -18,6 +18,7 @@ from ukf_sim.c_in_the_loop.compiler import (
     Toolchain,
     compile_application,
     write_headers,
+    write_models,
 )
 from ukf_sim.c_in_the_loop.loop import first_difference, golden_results, in_software
 from ukf_sw.problem import Problem
@@ -97,7 +98,7 @@ def run_on_arm(
         Folder for the program, its headers and its samples; made if absent.
     models
         C files with its models, as :func:`ukf_sim.c_in_the_loop.compiler.compile_application` takes
-        them; without any it must be a nanosatellite, or the core has all models.
+        them; without any they are written from those in Python.
     interrupt
         Whether the driver waits for the interrupt, or polls.
     warn
@@ -110,13 +111,17 @@ def run_on_arm(
     Raises
     ------
     ValueError
-        If the scenario cannot be exported.
+        If the scenario cannot be exported, or the models cannot be written in C.
+    TraceError
+        If a model cannot be a program.
     CompilerError
         If compiler or emulator are not installed, or the program does not compile or fails.
     """
     require_arm()
     binary, _ = export_scenario(problem, steps, folder)
     write_headers(problem.params, folder)
+    if not models:
+        problem = write_models(problem, folder)
     program = compile_application(
         folder / PROGRAM, folder, in_software(problem, models), main=LINUX_MAIN,
         toolchain=Toolchain.CORTEX_A9, link_flags=("-static",), warn=warn,

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ukf_sw.lowering.c_models import c_files
+from ukf_sw.lowering.software import software_models
 from ukf_sw.problem import Problem
+from ukf_sw.problems.systems.nanosat import nanosat
+from ukf_sw.spec.float_format import BINARY32
 from ukf_sw.spec.parameters import Noise
 
 __all__ = ["ARM", "NATIVE", "SOURCES", "VARIANTS", "BaselineError", "Executable", "Target", "build"]
@@ -18,7 +22,11 @@ VARIANTS = {
     "gsl": Noise.AUGMENTED,
     "fast": Noise.AUGMENTED,
     "fast-additive": Noise.ADDITIVE,
+    "traced": Noise.AUGMENTED,
+    "traced-additive": Noise.ADDITIVE,
 }
+#: Names of the models in C that are written for it, as fast.c includes them.
+_TRACED = {"traced": Noise.AUGMENTED, "traced_additive": Noise.ADDITIVE}
 
 _WARNINGS = ("-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
 #: -O2 is the papers'. NEON has no IEEE arithmetic, so vectors need leave to use it.
@@ -27,6 +35,8 @@ _OBJECTS = (
     ("dense", "dense.c", ("-O2",)),
     ("fast", "fast.c", _FAST),
     ("fast_additive", "fast.c", (*_FAST, "-DADDITIVE")),
+    ("fast_traced", "fast.c", (*_FAST, "-DTRACED")),
+    ("fast_traced_additive", "fast.c", (*_FAST, "-DTRACED", "-DADDITIVE")),
     ("main", "main.c", ("-O2",)),
 )
 
@@ -146,6 +156,14 @@ class Executable:
         return np.frombuffer(output).reshape(-1, len(problem.x0))
 
 
+def _write_models(name: str, noise: Noise, folder: Path) -> None:
+    """Write the models of the nanosatellite in C, as they are traced."""
+    models = software_models(nanosat(0, steps=1, noise=noise), BINARY32)
+    ((h,),) = models.h.values()
+    for file, text in c_files({"f": models.f, "h": h}, prefix=name).items():
+        (folder / file).write_text(text, encoding="utf-8")
+
+
 def build(target: Target, folder: Path, sysroot: Path | None = None) -> Executable:
     """Compile the program.
 
@@ -175,11 +193,15 @@ def build(target: Target, folder: Path, sysroot: Path | None = None) -> Executab
             )
         include = [f"-I{sysroot / 'usr' / 'include'}"]
         libraries = [f"-L{archives[0].parent}"]
+    sources = [(name, SOURCES / source, flags) for name, source, flags in _OBJECTS]
+    for name, noise in _TRACED.items():
+        _write_models(name, noise, folder)
+        sources.append((name, folder / f"{name}.c", ("-O3",)))
     objects: list[str] = []
-    for name, source, flags in _OBJECTS:
+    for name, source, flags in sources:
         objects.append(str(folder / f"{name}.o"))
-        source_file = str(SOURCES / source)
-        execute([*compiler, *_WARNINGS, *flags, *include, "-c", source_file, "-o", objects[-1]])
+        execute([*compiler, *_WARNINGS, *flags, *include, f"-I{folder}", "-c", str(source), "-o",
+                 objects[-1]])  # fmt: skip
     path = folder / "baseline"
     execute(
         [*compiler, *target.link, *objects, *libraries, "-lgsl", "-lgslcblas", "-lm", "-o",

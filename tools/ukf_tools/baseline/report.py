@@ -149,7 +149,7 @@ def measure(steps: int = 20, sysroot: Path | None = None) -> dict[str, Any]:
 
 
 def markdown(record: dict[str, Any]) -> dict[str, str]:
-    """Tables of the comparison, by name: software, the core beside it, the core with models."""
+    """Tables of the comparison by name: software, the core beside it, the core with models."""
     software = [
         "| us | instructions | sigma points | predict | update | models | **total** |",
         "|----|-------------:|-------------:|--------:|-------:|-------:|----------:|",

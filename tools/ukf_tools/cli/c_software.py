@@ -1,5 +1,7 @@
 """Commands about the C software: ``ukf export``, ``ukf c-loop``, ``ukf c-arm``."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,10 +9,11 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from ukf_sw.errors import TraceError, add_note
 from ukf_sw.extras import require
 from ukf_sw.problems.finding import is_own
 from ukf_sw.problems.recipe import Recipe
-from ukf_sw.problems.systems.nanosat import LIMIT
+from ukf_sw.problems.systems.nanosat import attitude_error
 from ukf_sw.spec.core import Core, Placement
 from ukf_sw.spec.float_format import BINARY32, BINARY64
 from ukf_tools.cli.console import (
@@ -40,11 +43,6 @@ if TYPE_CHECKING:
 
 __all__ = ["c_arm", "c_loop", "export"]
 
-#: Systems whose models are in C here.
-NANOSATELLITES = (
-    "nanosat", "nanosat-additive", "nanosat-2014", "nanosat-2014-rates", "nanosat-2014-gaps",
-)  # fmt: skip
-
 #: Iterations by default.
 STEPS, ARM_STEPS = 1000, 100
 
@@ -60,27 +58,21 @@ CModelsOption = Annotated[
     typer.Option(
         "--c-models",
         metavar="FILE.c",
-        help="C file with models of the problem and ukf_application(); may be given several times. "
-        "Those of the nanosatellites are known.",
+        help="C file with models of your own and ukf_application(); may be given several times. By "
+        "default the models in C are written from those in Python.",
         rich_help_panel=DATA,
     ),
 ]
 
 
 def _check_models(core: Core, models: list[Path]) -> None:
-    """Check that there are models for a problem, in C or on the core, and a driver for the core."""
-    on_core = Placement.of(core.params.models) is Placement.CORE
-    if on_core and models:
+    """Check that there can be models in C for a problem, and a driver for the core."""
+    if core.problem is None and models:
+        raise ValueError("--c-models must be of a --problem, not of sizes alone")
+    if models and Placement.of(core.params.models) is Placement.CORE:
         raise ValueError(
             "--c-models must not be given with all models on the core, which calls none in C, not "
             f"{str(models[0])!r}"
-        )
-    if core.problem is None or not (on_core or models or core.problem in NANOSATELLITES):
-        known = ", ".join(NANOSATELLITES)
-        raise ValueError(
-            f"--problem must be one of {known}, whose models are in C, not {core.problem!r}; give "
-            "the models of another one with --c-models FILE.c, or have them on the core with "
-            "--models core"
         )
     for file in models:
         if file.suffix != ".c":
@@ -92,6 +84,16 @@ def _check_models(core: Core, models: list[Path]) -> None:
             "--format must be one that C has, binary32 or binary64, not "
             f"{core.params.format.name!r}"
         )
+
+
+@contextmanager
+def _models_written() -> Iterator[None]:
+    """Say what to do about a model that cannot be written in C."""
+    try:
+        yield
+    except TraceError as error:
+        add_note(error, "or write the models in C yourself, and give them with --c-models FILE.c")
+        raise
 
 
 def _scenario(recipe: Recipe, steps: int | None, default: int) -> "tuple[Problem, int]":
@@ -124,8 +126,13 @@ def export(
     ),
     as_json: JsonOption = False,
 ) -> None:
-    """Write parameters and sensor data for C programs: a binary file and a C header."""
+    """Write parameters and sensor data for C programs: a binary file and a C header.
+
+    Inputs are what the models that `ukf generate` writes take: its ukf_problem.h lists them.
+    """
+    from ukf_sw.problems.placing import example_of
     from ukf_sw.problems.scenario_files import export_scenario
+    from ukf_sw.tracing.inputs import InputVector
 
     with checked():
         if (core.problem is None) is not random:
@@ -134,7 +141,13 @@ def export(
                 f"random system, not {'sizes alone' if core.problem is None else 'both'}"
             )
         try:
-            files = export_scenario(*_scenario(recipe, steps, STEPS), output)
+            made, steps = _scenario(recipe, steps, STEPS)
+            inputs = InputVector.of(made)
+            if inputs.choices and recipe.name is not None:
+                # The models are numbered in the order in which `ukf generate` meets them.
+                known = InputVector.of(example_of(recipe.name))
+                inputs = known if set(known.choices) == set(inputs.choices) else inputs
+            files = export_scenario(made, steps, output, inputs)
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)
@@ -163,10 +176,10 @@ def c_loop(
 ) -> None:
     """Run the C driver and models in C on the simulated core, against the golden model.
 
-    The models are those of a nanosatellite, or of any problem with --c-models: files that have what
-    sw/c/apps/application.h asks for, which `ukf new` writes as well. With --models core no problem
-    needs any. The exit code is 1 if a bit differs from the filter in Python. For a plot, the
-    covariance is read after each step as well.
+    The models are written from those in Python, and compute what a core with them would; or they
+    are yours, with --c-models: files that have what sw/c/apps/application.h asks for. With --models
+    core there are none in C. The exit code is 1 if a bit differs from the filter in Python. For a
+    plot, the covariance is read after each step as well.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_sim.c_in_the_loop.loop import require_tools, run_c_in_the_loop
@@ -185,7 +198,7 @@ def c_loop(
         problem, steps = _scenario(recipe, steps, STEPS)
         if beside_cocotb > steps:
             recipe.scenario(beside_cocotb)
-    with progress_bars(counted=False) as bars, checked():
+    with progress_bars(counted=False) as bars, checked(), _models_written():
         bar = bars.add_task("Starting", total=None)
         try:
             outcome = run_c_in_the_loop(
@@ -219,7 +232,7 @@ def c_loop(
     }
     if plot is not None:
         what, describe = "band", describe_band
-        if core.problem in NANOSATELLITES:
+        if problem.error is attitude_error and problem.limit is not None:
             what, describe = "attitude", describe_attitude
         record[what] = describe(plot, problem, outcome.results, core.title)
     if as_json:
@@ -244,8 +257,8 @@ def c_arm(
 ) -> None:
     """Cross-compile models in C for a Cortex-A9 and run them under QEMU, on the golden model.
 
-    They are those of a nanosatellite, or of any problem with --c-models, as in c-loop. The exit
-    code is 1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
+    They are written from those in Python, or given with --c-models, as in c-loop. The exit code is
+    1 if a bit differs. Needs gcc-arm-linux-gnueabihf and qemu-user.
     """
     from ukf_sim.c_in_the_loop.compiler import CompilerError
     from ukf_tools.arm.emulator import require_arm, run_on_arm
@@ -256,7 +269,7 @@ def c_arm(
         require_arm()
     except CompilerError as error:
         fail(str(error), 1)
-    with progress_bars(counted=False) as bars, checked():
+    with progress_bars(counted=False) as bars, checked(), _models_written():
         bars.add_task("Running", total=None)
         try:
             outcome = run_on_arm(
@@ -327,7 +340,7 @@ def describe_attitude(
     plot
         Image to write.
     problem
-        A nanosatellite.
+        A nanosatellite, with a limit of its first error.
     found
         Results with covariances.
     title
@@ -344,17 +357,19 @@ def describe_attitude(
     x, P = found.x, found.covariances
     if P is None:
         raise ValueError("found must have the covariances")
+    limit = problem.limit
+    assert limit is not None
     title = f"{title}: C driver on the simulated core"
     try:
-        plot_attitude(plot, problem, x, P, limit=LIMIT, title=title)
+        plot_attitude(plot, problem, x, P, limit=limit, title=title)
     except OSError as error:
         fail(f"{plot}: {error.strerror}", 1)
     errors = problem.errors_of(x)[:, 0]
-    above = np.flatnonzero(errors >= LIMIT)
+    above = np.flatnonzero(errors >= limit)
     settled = 0 if not above.size else int(above[-1]) + 1
     return {
         "plot": str(plot),
-        "limit": LIMIT,
+        "limit": limit,
         "error_at_end": float(errors[-1]),
         "below_limit_from": float(problem.times[settled]) if settled < len(errors) else None,
         "within_band": float(np.mean(errors < SIGMAS * attitude_deviations(x, P)[:, 0])),

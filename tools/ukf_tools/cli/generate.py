@@ -22,6 +22,7 @@ from ukf_tools.cli.instance import (
     NameOption,
     read_address,
 )
+from ukf_tools.cli.models_in_c import models_in_c
 from ukf_tools.cli.options import with_core
 from ukf_tools.cli.paths import folder_option
 
@@ -41,7 +42,8 @@ def generate(
 ) -> None:
     """Write the core: Verilog, register map as JSON, SVD, device tree, Markdown; and its C driver.
 
-    Equal inputs give equal bytes.
+    Of a problem, its models are written in C as well, for the filter in C: they compute what a core
+    with these models would. Equal inputs give equal bytes.
     """
     with checked():
         instance = Instance(
@@ -56,7 +58,10 @@ def generate(
         bars.add_task("Generating", total=None)
         try:
             with checked():
-                files = write(core.params, core.pipeline, output, instance=instance)
+                files = write(
+                    core.params, core.pipeline, output, instance=instance,
+                    models=models_in_c(core, name),
+                )  # fmt: skip
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)
     print_files(files, as_json=as_json)

@@ -46,9 +46,9 @@ def new(
 ) -> None:  # fmt: skip
     """Write a small project that works at once, to put your own model into.
 
-    It has models in Python and in C, simulated data, tests, a Makefile, which runs the filter,
-    generates Verilog, co-simulates it and plots, and workflows for GitHub and GitLab. The problem
-    is a heated strut: n cells, m sensors.
+    It has models, simulated data, tests, a Makefile, which runs the filter, generates Verilog,
+    co-simulates it and plots, and workflows for GitHub and GitLab. The problem is a heated strut: n
+    cells, m sensors.
     """
     from ukf_tools.new.project_writer import write_project
 

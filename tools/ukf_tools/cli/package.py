@@ -29,6 +29,7 @@ from ukf_tools.cli.instance import (
     NameOption,
     read_address,
 )
+from ukf_tools.cli.models_in_c import models_in_c
 from ukf_tools.cli.options import with_core, with_recipe
 from ukf_tools.cli.paths import folder_option
 
@@ -64,6 +65,7 @@ def package(
 ) -> None:
     """Write the core with its C driver, scripts for Vivado, constraints, and device tree overlay.
 
+    Of a problem, its models are written in C as well, as by `ukf generate`.
     Vivado has not run the scripts: they are checked on a model of its commands.
     """
     with checked():
@@ -87,7 +89,10 @@ def package(
         bars.add_task("Packaging", total=None)
         try:
             with checked():
-                files = write(core.params, core.pipeline, target, output, instance=instance)
+                files = write(
+                    core.params, core.pipeline, target, output, instance=instance,
+                    models=models_in_c(core, name),
+                )  # fmt: skip
             found = check_package(output) if check else None
         except OSError as error:
             fail(f"{output}: {error.strerror}", 1)

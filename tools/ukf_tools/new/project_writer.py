@@ -21,14 +21,13 @@ TEMPLATES = {
     ".gitignore": "gitignore.jinja",
     "NAME/__init__.py": "package/__init__.py.jinja",
     "NAME/model.py": "package/model.py.jinja",
-    "c/model.c": "c/model.c.jinja",
     "tests/test_NAME.py": "tests/test_package.py.jinja",
     ".github/workflows/test.yml": "github_workflow.yml.jinja",
     ".gitlab-ci.yml": "gitlab_ci.yml.jinja",
 }
 
 #: Names that pytest, Make, Python and the project itself give a meaning.
-RESERVED = ("build", "c", "conftest", "makefile", "sitecustomize", "tests", "usercustomize")
+RESERVED = ("build", "conftest", "makefile", "sitecustomize", "tests", "usercustomize")
 
 
 def check_name(name: str) -> None:
@@ -59,7 +58,7 @@ def check_name(name: str) -> None:
 
 
 def write_project(folder: Path, params: UkfParams) -> list[Path]:
-    """Write a project: models in Python and in C, data, tests, Makefile, workflows.
+    """Write a project: models, data, tests, Makefile, workflows.
 
     The problem to start from is a heated strut with as many cells as there are states; it makes
     sense for all sizes.

@@ -32,5 +32,8 @@ extern const struct filter gsl_filter;
 /* As well as we can: square root, structure used, binary32, vectors of 4. */
 extern const struct filter fast_filter;
 extern const struct filter fast_additive_filter;
+/* The same with models in C as they are traced: scalar, and rounded as in a core. */
+extern const struct filter traced_filter;
+extern const struct filter traced_additive_filter;
 
 #endif

@@ -8,11 +8,24 @@
  * - One Gram-Schmidt over rows of residuals, observations first, gives gain, state and next factor.
  * - Additive noise stands in columns beside the points, which are zero before they are touched.
  *
- * Points lie along the vectors, so 4 of them go through models and elimination at once.
+ * Points lie along the vectors, so 4 of them go through models and elimination at once. With -DTRACED
+ * the models are those that are written from the functions in Python, which take one at a time.
  */
 #include "baseline.h"
 
 #include <math.h>
+
+#ifdef TRACED
+#ifdef ADDITIVE
+#include "traced_additive.h"
+#define MODEL_F traced_additive_f
+#define MODEL_H traced_additive_h
+#else
+#include "traced.h"
+#define MODEL_F traced_f
+#define MODEL_H traced_h
+#endif
+#endif
 
 typedef float vector __attribute__((vector_size(16)));
 enum { LANES = 4 };
@@ -136,6 +149,45 @@ static void draw(void)
     }
 }
 
+#ifdef TRACED
+
+#ifdef ADDITIVE
+#define TERM(rows, i, k) 0.0f
+#else
+#define TERM(rows, i, k) rows[i].numbers[k]
+#endif
+
+static void propagate(const double *input)
+{
+    const float u[INPUTS] = {(float)input[0], (float)input[1], (float)input[2]};
+    for (int k = 0; k < POINTS; k++) {
+        float state[STATES], noise[STATES];
+        for (int i = 0; i < STATES; i++) {
+            state[i] = X[i].numbers[k];
+            noise[i] = TERM(W, i, k);
+        }
+        MODEL_F(state, noise, u, state);
+        for (int i = 0; i < STATES; i++)
+            X[i].numbers[k] = state[i];
+    }
+}
+
+static void observe(void)
+{
+    for (int k = 0; k < POINTS; k++) {
+        float state[STATES], noise[OBSERVATIONS], result[OBSERVATIONS];
+        for (int i = 0; i < STATES; i++)
+            state[i] = X[i].numbers[k];
+        for (int i = 0; i < OBSERVATIONS; i++)
+            noise[i] = TERM(V, i, k);
+        MODEL_H(state, noise, 0, result);
+        for (int i = 0; i < OBSERVATIONS; i++)
+            Z[i].numbers[k] = result[i];
+    }
+}
+
+#else
+
 #ifdef ADDITIVE
 #define NOISE(rows, i, word) 0.0f
 #else
@@ -172,6 +224,8 @@ static void observe(void)
         Z[5].words[k] = 2.0f * (q1 * q3 - q0 * q2) + NOISE(V, 5, k);
     }
 }
+
+#endif
 
 static inline float total(vector v) { return (v[0] + v[2]) + (v[1] + v[3]); }
 
@@ -270,7 +324,11 @@ static int iterate(const double *u, const double *z, double *estimate)
     return 0;
 }
 
-#ifdef ADDITIVE
+#if defined(TRACED) && defined(ADDITIVE)
+const struct filter traced_additive_filter = {"traced-additive", initialise, iterate};
+#elif defined(TRACED)
+const struct filter traced_filter = {"traced", initialise, iterate};
+#elif defined(ADDITIVE)
 const struct filter fast_additive_filter = {"fast-additive", initialise, iterate};
 #else
 const struct filter fast_filter = {"fast", initialise, iterate};

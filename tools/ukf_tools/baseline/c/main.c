@@ -19,13 +19,14 @@ static void take(double *numbers, size_t count)
 
 int main(int argc, char **argv)
 {
-    const struct filter *const filters[] = {&gsl_filter, &fast_filter, &fast_additive_filter};
+    const struct filter *const filters[] = {&gsl_filter, &fast_filter, &fast_additive_filter,
+                                            &traced_filter, &traced_additive_filter};
     const struct filter *filter = NULL;
     for (size_t i = 0; i < sizeof filters / sizeof *filters; i++)
         if (argc == 2 && !strcmp(argv[1], filters[i]->name))
             filter = filters[i];
     if (filter == NULL) {
-        fputs("usage: baseline gsl|fast|fast-additive\n", stderr);
+        fputs("usage: baseline gsl|fast|fast-additive|traced|traced-additive\n", stderr);
         return 2;
     }
     double steps, dt, x[STATES], P[STATES * STATES], Q[STATES * STATES];
