@@ -52,7 +52,7 @@ def _data(count: int) -> Data:
     draws = np.random.default_rng(0)
     taken = np.arange(count) % 2 == 0
     return Data(
-        times=0.1 * np.arange(1, count + 1),
+        times=np.linspace(0.1, 0.1 * count, count),
         measurements={"aim": draws.standard_normal((count, 2)), "odometer": np.zeros((count, 1))},
         sampled={"aim": np.stack([taken, taken], axis=1), "odometer": ~taken[:, None]},
         inputs=draws.uniform(0.1, 0.5, (count, 2)),
@@ -86,7 +86,7 @@ def rover(
             "odometer": Sensor(odometer, R=[[0.06]], m=1),
         },
         Q=np.diag([0.01, 0.02, 0.03][:terms]),
-        x0=[3.0, 0.5, -0.25],
+        x0=np.array([3.0, 0.5, -0.25]),
         P0=np.diag([0.5, 0.25, 1.0]),
         state_angles=(0,),
         process_noise=noise,
