@@ -239,14 +239,12 @@ def run_all(
         need_simulation()
     from ukf_sim.simulators import SimulatorError
     from ukf_sw.problems.catalogue import CATALOGUE
-    from ukf_tools.evaluate.evaluation import PLACEMENTS, evaluate_all
+    from ukf_tools.evaluate.evaluation import evaluate_all
 
     with checked():
-        placements = (
-            list(PLACEMENTS if backend is not AppBackend.REFERENCE else PLACEMENTS[:1])
-            if models is None
-            else entries("--models", models, PARAMETERS["models"], ())
-        )
+        placements = None
+        if models is not None:
+            placements = entries("--models", models, PARAMETERS["models"], ())
     evaluations: list[Evaluation] = []
     started = time.perf_counter()
     with progress_teller() as tell, checked():

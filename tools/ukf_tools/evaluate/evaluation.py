@@ -23,9 +23,7 @@ from ukf_sw.spec.core import Placement
 from ukf_tools.evaluate.figures import draw, draw_errors
 from ukf_tools.evaluate.workers import mapper
 
-__all__ = [
-    "BACKENDS", "PLACEMENTS", "Evaluation", "evaluate", "evaluate_all", "evaluate_in_simulator",
-]  # fmt: skip
+__all__ = ["BACKENDS", "Evaluation", "evaluate", "evaluate_all", "evaluate_in_simulator"]
 
 #: What can compute an entry.
 BACKENDS = ("reference", "golden", "cosim")
@@ -35,7 +33,7 @@ PES = 10
 #: Steps of a co-simulation unless told otherwise; slow sensors have a sample by then.
 COSIM_STEPS = 30
 
-#: Where the models are when all entries are run.
+#: Where the models are when all entries are run, if nothing else is said.
 PLACEMENTS = (Placement.SOFTWARE, Placement.CORE)
 
 Progress = Callable[[str, int, int], None]
@@ -405,7 +403,7 @@ def _evaluate_all_of(
 def evaluate_all(
     backend: str = "golden",
     *,
-    models: Sequence[Placement] = PLACEMENTS,
+    models: Sequence[Placement] | None = None,
     cosim_steps: int = 0,
     seed: int = 0,
     output: Path,
@@ -420,7 +418,8 @@ def evaluate_all(
     backend
         As for :func:`evaluate`.
     models
-        Where the models are; each entry is run with them in each of these places.
+        Where the models are; each entry is run with them in each of these places. None: in software
+        and on the core, of the reference in software.
     cosim_steps
         How many steps of each to co-simulate as well; 0 is none.
     seed
@@ -447,6 +446,8 @@ def evaluate_all(
     SimulatorError
         If the simulator is not installed or fails.
     """
+    if models is None:
+        models = PLACEMENTS[:1] if backend == "reference" else PLACEMENTS
     work = partial(
         _evaluate_all_of, backend=backend, models=tuple(models), cosim_steps=cosim_steps,
         seed=seed, output=output, cache=cache,
