@@ -181,7 +181,8 @@ def markdown(record: dict[str, Any]) -> dict[str, str]:
             core.append(
                 f"| {noise} | {row['pes']} | {row['hardware_us']:.1f} | {row['bus_us']:.1f} "
                 f"| {as_range(row['models_us'], 1)} | **{as_range(row['total_us'], 1)}** "
-                f"| {as_range(over['gsl']['iteration'], 1)} | {as_range(over[fast]['iteration'], 2)} "
+                f"| {as_range(over['gsl']['iteration'], 1)} "
+                f"| {as_range(over[fast]['iteration'], 2)} "
                 f"| {as_range(over['paper']['iteration'], 1)} "
                 f"| {as_range(over['gsl']['hardware_part'], 1)} "
                 f"| {as_range(over[fast]['hardware_part'], 2)} |"
