@@ -34,6 +34,7 @@ C_ON_CORE = "tests/system/test_c_models_on_core.py"
 C_RECOVERY_OF_MODELS = "tests/system/test_c_recovery_of_models.py"
 C_PROBLEM = "tests/system/test_c_problem.py"
 SOFTWARE_MODELS = "tests/sw/test_software_models.py"
+AHEAD = "tests/sw/test_ahead.py"
 RECOVERY = "tests/sw/test_recovery.py -k access"
 MODEL_PROGRAMS = "tests/sw/test_model_programs.py"
 MODELS_IN_CORE = "tests/sw/test_golden_core_of_models.py"
@@ -579,9 +580,39 @@ MUTANTS = [
         f"{RECOMMENDATION} -k core",
     ),
     Mutant(
-        "words: redrawing is not counted", "tools/ukf_tools/design_space/traffic.py",
-        "redraw=redraws)", "redraw=False)",
-        f"{DESIGN_SPACE} -k redrawing",
+        "words: redrawing is not counted", "tools/ukf_tools/estimate/traffic.py",
+        "starts = 1 + redraws + sensors", "starts = 1 + sensors",
+        "tests/system/test_latency_of_models.py -k counts",
+    ),
+    Mutant(
+        "many samples: a round that fails stays half done", "sw/ukf_sw/engine/interpreter.py",
+        "                memory[:] = memory_before\n", "",
+        f"{AHEAD} -k not_begun",
+    ),
+    Mutant(
+        "many samples: banks do not turn within a step", "sw/ukf_sw/golden/scripts.py",
+        "banks_of_runs.append(now ^ turns)", "banks_of_runs.append(now)",
+        f"{AHEAD} -k one_by_one",
+    ),
+    Mutant(
+        "many samples: inputs are written again and again", "sw/ukf_sw/drivers/scripts.py",
+        "if self._inputs.get(place) != word", "if True",
+        f"{AHEAD} -k one_by_one",
+    ),
+    Mutant(
+        "many samples: an interrupt leaves what was done", "sw/ukf_sw/golden/core.py",
+        "            self.engine.memory[:] = memory\n", "",
+        f"{AHEAD} -k interrupt",
+    ),
+    Mutant(
+        "many samples: a prediction alone is thought to be undone", "sw/ukf_sw/drivers/driver.py",
+        "            if not status & POINTS:\n                raise EstimateLostError\n", "",
+        f"{AHEAD} -k interrupt",
+    ),
+    Mutant(
+        "lanes: binary32 flushes before it rounds", "sw/ukf_sw/engine/arithmetic.py",
+        "if abs(value) < _MIN_ROUNDED_32", "if abs(value) < _MIN_NORMAL_32",
+        "tests/sw/test_arithmetic.py -k binary32_alone",
     ),
     Mutant(
         "driver: a step that costs nothing hides the cycles of the one before it",

@@ -8,11 +8,14 @@ from numba import njit
 from ukf_sw.engine import arithmetic
 from ukf_sw.engine.arithmetic import (
     add_scalar,
+    decode_binary32,
     decode_scalar,
     encode_scalar,
+    is_binary32,
     multiply_scalar,
     reciprocal_sqrt_scalar,
     reciprocal_sqrt_table,
+    round_binary32,
     scalar_parameters,
 )
 from ukf_sw.spec.float_format import BINARY32, BINARY64, FORMATS, FloatFormat
@@ -199,6 +202,38 @@ def test_kernels_work_in_compiled_code(fmt):
 
     actual = kernel(1.5, 4.0, scalar_parameters(fmt), reciprocal_sqrt_table(fmt))
     assert actual == 6.5
+
+
+@njit
+def _alone(words, first, second):
+    """Numbers of words, and sums and products of numbers, by the kernels for binary32 alone."""
+    decoded = np.array([decode_binary32(word) for word in words])
+    sums = np.array([round_binary32(first[k] + second[k]) for k in range(len(first))])
+    products = np.array([round_binary32(first[k] * second[k]) for k in range(len(first))])
+    return decoded, sums, products
+
+
+def test_kernels_for_binary32_alone_do_what_the_others_do():
+    rng = np.random.default_rng(11)
+    edges = [
+        0, 1, 0x007F_FFFF, 0x0080_0000, 0x0080_0001, 0x3F80_0000, 0x7F7F_FFFF, 0x7F80_0000,
+        0x7F80_0001, 0x7FC0_0000, 0x7FFF_FFFF,
+    ]  # fmt: skip
+    words = np.array([*edges, *(edge | 1 << 31 for edge in edges)], dtype=np.int64)
+    words = np.concatenate([words, rng.integers(0, 1 << 32, COUNT)])
+    first, second = hostile_operands(BINARY32, rng, COUNT)
+    found = _alone(words, first, second)
+    expected = (
+        BINARY32.decode(words.astype(np.uint64)),
+        arithmetic.add(BINARY32, first, second),
+        arithmetic.multiply(BINARY32, first, second),
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(np.signbit(one[one == 0]), np.signbit(other[other == 0]))
+    assert (np.abs(found[2]) == BINARY32.min_normal).any()
+    assert is_binary32(scalar_parameters(BINARY32))
+    assert not any(is_binary32(scalar_parameters(fmt)) for fmt in ALL_FORMATS if fmt != BINARY32)
 
 
 @njit

@@ -88,12 +88,16 @@ def test_applications_on_the_arm(name, tmp_path):
 
 Model = ctypes.CFUNCTYPE(ctypes.c_bool, *[ctypes.c_void_p] * 4)
 Process = ctypes.CFUNCTYPE(ctypes.c_bool, *[ctypes.c_void_p] * 5)
+OnPredict = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 2)
 
 
 class Sensor(ctypes.Structure):
-    """The beginning of a struct ukf_sensor is what is written."""
+    """A struct ukf_sensor."""
 
-    _fields_ = (("observe", Model), ("terms", ctypes.c_uint32), ("angles", ctypes.c_uint32))
+    _fields_ = (
+        ("observe", Model), ("terms", ctypes.c_uint32), ("angles", ctypes.c_uint32),
+        ("variant", ctypes.c_uint32),
+    )  # fmt: skip
 
 
 class Models(ctypes.Structure):
@@ -102,6 +106,7 @@ class Models(ctypes.Structure):
     _fields_ = (
         ("context", ctypes.c_void_p), ("process", Process),
         ("sensors", ctypes.POINTER(Sensor)), ("state_angles", ctypes.c_uint32),
+        ("on_predict", OnPredict),
     )  # fmt: skip
 
 
@@ -128,10 +133,16 @@ def compiled(problem, folder, real=ctypes.c_double):
     def give(numbers):
         library.ukf_problem_set(ctypes.c_void_p(np.array(numbers, real).ctypes.data))
 
+    def f(x, w, u):
+        """Do what ukf_predict() does, for one sigma point."""
+        given = None if u is None else np.ascontiguousarray(u, real)
+        models.on_predict(None, address(given))
+        return call(models.process, len(x), x, w, given)
+
     return SimpleNamespace(
         models=models,
         give=give,
-        f=lambda x, w, u: call(models.process, len(x), x, w, u),
+        f=f,
         h=lambda number, rows, x, v: call(models.sensors[number].observe, rows, x, v),
     )
 
@@ -334,7 +345,7 @@ def test_an_export_numbers_models_as_generate_does(ukf, tmp_path, seed):
     problem = ("--problem", "support.beacons:simulated")
     ukf("export", *problem, "--seed", seed, "--steps", 4, "--output", "data")
     p = rover().params
-    first = 40 + 8 * (1 + p.n + p.n**2 + p.q**2 + p.r**2)
+    first = 48 + 8 * (1 + p.n + p.n**2 + p.q**2 + p.r**2)
     data = (tmp_path / "data" / "scenario.bin").read_bytes()
     numbers = np.frombuffer(data, "<f8", 24, first).reshape(4, 6)
     assert numbers[:, 4].tolist() == numbers[:, 5].tolist() == [(k + seed) % 2 for k in range(4)]

@@ -282,15 +282,15 @@ def _execute_rounds(
 ) -> int:
     """Run rounds up to the first one that fails; of that one nothing is left. Gives how many.
 
+    But scalars: no program reads one that it has not written.
+
     A row of `runs` has entry, mask, banks, whether the NIS is compared, and the writes before it.
     """
     memory_before = np.empty_like(memory)
-    scalars_before = np.empty_like(scalars)
     run = 0
     write = 0
     for k in range(len(ends)):
         memory_before[:] = memory
-        scalars_before[:] = scalars
         while run < ends[k]:
             while write < runs[run, 5]:
                 halves[places[write]] = written[write]
@@ -302,7 +302,6 @@ def _execute_rounds(
             nis[run] = run_nis
             if error_code != 0 or conflict or (runs[run, 4] and (run_nis & magnitude) > gate):
                 memory[:] = memory_before
-                scalars[:] = scalars_before
                 return k
             run += 1
         for i in range(shown.shape[1]):

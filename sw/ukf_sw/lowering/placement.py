@@ -139,8 +139,8 @@ class PlacedModels:
         found: dict[tuple[str, int] | None, Needed] = {}
         if self.f:
             found[None] = needed("f", self.traced.f)
-        for sensor, variants in self.traced.h.items():
-            for variant, model in zip(self.variants[sensor], variants, strict=True):
+        for sensor, variants in self.variants.items():
+            for variant, model in zip(variants, self.traced.h[sensor], strict=True):
                 found[sensor, variant] = needed("h", model)
         return found
 
