@@ -9,7 +9,7 @@ import pytest
 
 from support.executed_models import with_executed_models
 from ukf_sw.backends import golden_driver
-from ukf_sw.errors import UkfError
+from ukf_sw.errors import TraceError, UkfError
 from ukf_sw.filter import UnscentedKalmanFilter
 from ukf_sw.lowering.placement import place_models
 from ukf_sw.problem import Data, Problem, Sensor
@@ -317,3 +317,32 @@ def test_a_core_with_models_has_no_others(core, models):
     if models != "software":
         with pytest.raises(ValueError, match=r"models must be those that the core has, \[\], not "):
             UnscentedKalmanFilter(kinds(*BOTH), bare, models=models)
+
+
+@pytest.mark.parametrize("kind", ["f", "h"])
+def test_a_model_in_software_may_be_any_function(kind):
+    """With the other one on the core: only what is there must be such as can be traced."""
+    problem = Recipe.of("pendulum").scenario(STEPS)
+    sensor = problem.sensor("sensor")
+
+    def branching(x, noise, *rest):
+        model = problem.f if kind == "f" else sensor.h
+        if x.sum() > 1e6:
+            raise ValueError("x must be near the origin")
+        return model(x, noise, *rest)
+
+    if kind == "f":
+        free = replace(problem, f=branching, vectorized=problem.vectorized)
+        places = {"h": "core"}
+    else:
+        free = replace(problem, sensors=replace(sensor, h=branching))
+        places = {"f": "core"}
+    both = [UnscentedKalmanFilter(each, "golden", models=places) for each in (problem, free)]
+    data = problem.record
+    for k in range(STEPS):
+        for ukf in both:
+            u = None if data.inputs is None else data.inputs[k]
+            ukf.iterate(u, data.measurements["sensor"][k])
+    np.testing.assert_array_equal(both[0].x, both[1].x)
+    with pytest.raises(TraceError, match="must not branch on data"):
+        UnscentedKalmanFilter(free, "golden", models="core")
