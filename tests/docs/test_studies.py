@@ -24,6 +24,7 @@ from ukf_sw.problems.systems.nanosat import NANOSAT, NANOSAT_ADDITIVE, nanosat
 from ukf_sw.problems.systems.random_system import random_scenario
 from ukf_sw.spec.parameters import Form, Noise, Pipeline, UkfParams
 from ukf_sw.spec.sequence import Program
+from ukf_tools.baseline import whole
 from ukf_tools.baseline.counting import SECTIONS
 from ukf_tools.baseline.report import PAPER
 
@@ -243,6 +244,26 @@ def test_cycles_are_current():
         for row in record["core"][noise]:
             code = microcode(replace(params, pes=row["pes"]), Pipeline())
             assert row["cycles"] == code.clocks(Program.PREDICT) + code.clocks(Program.UPDATE)
+        found = whole.measure(record["software"])[noise]
+        assert json.loads(json.dumps(found)) == record["whole"][noise]
+
+
+def test_what_is_said_of_whole_iterations():
+    """The conclusions of docs/baseline.md, and the first page's."""
+    for noise, rows in baseline.STUDY.read()["whole"].items():
+        by_pes = {row["pes"]: row for row in rows}
+        for pes, row in by_pes.items():
+            low, high = row["software_us"]
+            middle = (low * high) ** 0.5
+            assert (row["iteration_us"] < middle) == (pes >= 10), (noise, pes)
+            assert (row["iteration_us"] > high) == (pes <= 2), (noise, pes)
+            assert row["iteration_us"] > low
+            assert row["processor_us"] == pytest.approx(3.1, abs=0.05)
+            assert row["words"] + row["register_words"] == 20
+            if pes >= 10:
+                assert 2.1 <= row["speedup"][1] < 3.55
+    found = baseline.STUDY.read()["whole"]["augmented"][3]
+    assert (found["pes"], round(found["iteration_us"])) == (10, 14)
 
 
 # Numerics.

@@ -27,5 +27,5 @@ STUDY = Study(
     name="baseline",
     document=DOCS / "baseline.md",
     measure=_measure,
-    tables={name: partial(_table, name) for name in ("software", "core")},
+    tables={name: partial(_table, name) for name in ("software", "core", "whole")},
 )
