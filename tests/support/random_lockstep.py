@@ -263,7 +263,9 @@ def run_on_odd_words(context: Context, *, seed: int) -> Counter[str]:
                 sensor = sum(row >= p.rows_of(each).start for each in range(len(p.sensor_rows))) - 1
                 first = p.rows_of(sensor).start
             triangular = region.symbol in ("L", "LQ", "LR")
-            column = int(rng.integers(row - first + 1 if triangular else region.columns))
+            # A sigma point without weight is not read either.
+            left = p.points.start if region.symbol in ("X", "Z") else 0
+            column = int(rng.integers(left, row - first + 1 if triangular else region.columns))
             _put(bus, memory_map.address(region.symbol, row, column), word, fmt.bus_words)
             for step in readers.get(region.symbol, (Step.SIG_GEN,)):
                 code = _start(bus, step, sensor)
