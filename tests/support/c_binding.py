@@ -71,7 +71,7 @@ class _Sensor(ctypes.Structure):
 class _Models(ctypes.Structure):
     _fields_ = (
         ("context", ctypes.c_void_p), ("process", PROCESS), ("sensors", ctypes.POINTER(_Sensor)),
-        ("state_angles", WORD),
+        ("state_angles", WORD), ("on_predict", ctypes.c_void_p),
     )  # fmt: skip
 
 

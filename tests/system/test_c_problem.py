@@ -56,6 +56,16 @@ def test_every_application_runs_in_c(name, tmp_path):
 
 
 @needs_cc
+@pytest.mark.parametrize("models", ["f", pytest.param("h", marks=pytest.mark.slow)])
+def test_one_model_in_c_and_the_other_on_the_core(models, tmp_path):
+    """Arguments of h arrive though f is not called."""
+    made = Recipe.of("battery", models=models).scenario(12)
+    done, results = natively(made, (), tmp_path, 12)
+    assert done.returncode == 0, done.stderr
+    assert first_difference(results, golden_results(in_core_arithmetic(made), 12)) is None
+
+
+@needs_cc
 def test_in_binary64(tmp_path):
     """There too, with arguments of h and two variants of each of two sensors."""
     made = replace(rover(), format=BINARY64)
