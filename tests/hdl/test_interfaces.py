@@ -245,7 +245,7 @@ int main(void)
                                          UKF_INPUT_COUNT)];
     const struct ukf_port port = {NULL, get, put, NULL, now};
     static const struct ukf_sensor sensor = {observe, UKF_R, 0u, 0u};
-    const struct ukf_models models = {NULL, process, &sensor, 0u};
+    const struct ukf_models models = {NULL, process, &sensor, 0u, NULL};
     const struct ukf_options options = {1000u, false};
     struct ukf ukf;
     enum ukf_result result = ukf_open(&ukf, &core, &port, &models, &options, work,

@@ -219,7 +219,7 @@ def test_arguments_of_observation_models_are_inputs(tmp_path):
     binary, _ = export_scenario(made, 3, tmp_path)
     assert np.frombuffer(binary.read_bytes(), "<u4", 1, 24) == 2
     p = made.params
-    first = 40 + 8 * (1 + p.n + p.n**2 + p.q**2 + p.r**2)
+    first = 48 + 8 * (1 + p.n + p.n**2 + p.q**2 + p.r**2)
     numbers = np.frombuffer(binary.read_bytes(), "<f8", 6, first).reshape(3, 2)
     assert numbers[:, 0].tolist() == np.asarray(made.record.inputs).tolist()
     assert numbers[:, 1].tolist() == [

@@ -234,10 +234,6 @@ def test_scenarios_for_another_core_are_named(tmp_path):
             ("--problem", "battery", "--models", "core", "--c-models", MODELS[0]),
             "--c-models must not be given with all models on the core, which calls none in C, not",
         ),
-        (
-            ("--problem", "battery", "--models", "f"),
-            "give the models of another one with --c-models",
-        ),
     ],
 )
 def test_mistakes_are_named_before_the_work(ukf, command, options, message):

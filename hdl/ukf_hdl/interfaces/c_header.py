@@ -118,7 +118,7 @@ def _structure(record: dict[str, Any]) -> list[str]:
 def _inputs(record: dict[str, Any]) -> dict[str, int]:
     """How many inputs the models on the core take, by the name in the struct."""
     models = record.get("models", {"inputs": [], "inputs_of_f": 0, "inputs_of_h": 0})
-    counts = len(models["inputs"]), models["inputs_of_f"], models["inputs_of_h"]
+    counts = [len(models["inputs"]), models["inputs_of_f"], models["inputs_of_h"]]
     return dict(zip(INPUTS, counts, strict=True))
 
 
