@@ -34,6 +34,7 @@ from ukf_sw.spec.parameters import Form, Noise, UkfParams
 OUTSIDE = {
     "golden": (
         "ukf_sw.engine.arithmetic", "ukf_sw.engine.interpreter", "ukf_sw.engine.kernel_cache",
+        "ukf_sw.engine.lanes",
         "ukf_sw.elementary.", "ukf_sw.lowering.",
     ),
     "apps": ("ukf_sw.problems.systems.swampsat.",),

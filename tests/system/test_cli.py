@@ -627,11 +627,6 @@ def test_missing_simulator(ukf, tmp_path, monkeypatch):
             "--backend must be one of reference,",
         ),
         (
-            ("c-loop", "--problem", "pendulum"),
-            "--problem must be one of nanosat, nanosat-additive,",
-        ),
-        (("c-arm", "--n", 2, "--m", 1), "whose models are in C, not None"),
-        (
             ("disassemble", "--problem", "nanosat", "--program", "draw"),
             "UPDATE, COVARIANCE, COVARIANCE_PREDICTED, MODEL_F, MODEL_H, not 'draw'",
         ),

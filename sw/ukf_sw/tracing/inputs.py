@@ -86,11 +86,14 @@ class InputVector:
         Parts of the keyword arguments of h that are no constants.
     choices
         Constants of each model of a sensor, by sensor; of those whose h takes some.
+    takes
+        Names of the arguments that the h of each sensor takes.
     """
 
     u: tuple[Input, ...]
     arguments: tuple[Input, ...]
     choices: Mapping[str, tuple[Given, ...]]
+    takes: Mapping[str, Collection[str]]
 
     @classmethod
     def of(cls, problem: Problem) -> "InputVector":
@@ -103,8 +106,10 @@ class InputVector:
         """
         arguments: dict[Input, None] = {}
         choices: dict[str, tuple[Given, ...]] = {}
+        takes: dict[str, Collection[str]] = {}
         for sensor in problem.sensor_names:
             of_kind = by_constants(given_arguments(problem, sensor))
+            takes[sensor] = {name for steps in of_kind.values() for name in steps[0]}
             for kind, steps in of_kind.items():
                 fixed = dict(kind)
                 for name in sorted(set(steps[0]) - set(fixed)):
@@ -115,6 +120,7 @@ class InputVector:
             u=tuple(_parts(Input("u"), given_inputs(problem)[0])),
             arguments=tuple(arguments),
             choices=choices,
+            takes=takes,
         )
 
     def __len__(self) -> int:
@@ -140,8 +146,7 @@ class InputVector:
     def table(self, problem: Problem, steps: int) -> Array:
         """Give the vectors of the first steps of a problem's data, shape (steps, length).
 
-        What belongs to h alone is 0 in a step in which nothing was sampled, which model of a sensor
-        it is in one in which that sensor was not.
+        What belongs to h alone is 0 in a step in which no sensor was sampled whose h takes it.
 
         Raises
         ------
@@ -171,7 +176,11 @@ class InputVector:
         return found
 
     def _of_h(self, given: Given, used: Collection[str], k: int) -> list[float]:
-        numbers = [_number(source, given, k) for source in self.arguments]
+        needed = {name for sensor in used for name in self.takes[sensor]}
+        numbers = [
+            _number(source, given, k) if source.argument in needed else 0.0
+            for source in self.arguments
+        ]
         fixed = constants(given)
         for sensor, kinds in self.choices.items():
             if sensor not in used:
