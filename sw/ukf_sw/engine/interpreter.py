@@ -296,7 +296,7 @@ def _execute_rounds(
                 halves[places[write]] = written[write]
                 write += 1
             error_code, _, run_nis, _, _, conflict, _ = _execute(
-                words, runs[run, 0], -1, array, lane_sets, memory, scalars, runs[run, 1],
+                words, runs[run, 0], np.int64(-1), array, lane_sets, memory, scalars, runs[run, 1],
                 runs[run, 2], runs[run, 3], parameters, table,
             )  # fmt: skip
             nis[run] = run_nis
