@@ -7,7 +7,7 @@ from ukf_sw.extras import importing
 from ukf_sw.problem import Problem
 from ukf_sw.problems.finding import find, is_own
 from ukf_sw.spec.float_format import FloatFormat
-from ukf_sw.spec.model_programs import CoreModels
+from ukf_sw.spec.model_programs import NO_MODELS, CoreModels, choose_models
 
 __all__ = ["core_models", "example_of"]
 
@@ -50,7 +50,7 @@ def _models(name: str, which: str, fmt: FloatFormat, folder: Path | None) -> Cor
         from ukf_sw.lowering.placement import place_models
 
     placed = place_models(example_of(name, folder=folder), which, fmt)
-    return CoreModels() if placed is None else placed.models
+    return NO_MODELS if placed is None else placed.models
 
 
 def core_models(name: str, which: str, fmt: FloatFormat) -> CoreModels:
@@ -73,4 +73,6 @@ def core_models(name: str, which: str, fmt: FloatFormat) -> CoreModels:
         If there is no such problem, or it does not fit; see
         :func:`ukf_sw.lowering.placement.place_models`.
     """
+    if not choose_models(which):
+        return NO_MODELS
     return _models(name, which, fmt, Path.cwd() if is_own(name) else None)
