@@ -114,7 +114,18 @@ def test_whole_runs_of_the_core_are_within_their_bounds(name):
     check(CATALOGUE[name], whole_runs(CATALOGUE[name], "golden"))
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in QUICK])
+#: It takes much longer than the others.
+LARGEST = "gps-ins"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == LARGEST else name
+        for name in NAMES
+        if name not in QUICK
+    ],
+)
 def test_the_core_follows_the_reference(name):
     scenario = CATALOGUE[name].scenario(2, SHORT)
     expected, found = run(scenario), run(scenario, "golden")

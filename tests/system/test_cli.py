@@ -458,7 +458,9 @@ problem = Problem(
 
 
 @pytest.mark.parametrize(
-    "command", ["run", pytest.param("cosim", marks=pytest.mark.system)], ids=str
+    "command",
+    ["run", pytest.param("cosim", marks=[pytest.mark.system, pytest.mark.slow])],
+    ids=["run", "cosim"],
 )
 def test_a_model_that_raises_is_told_in_sentences(command, ukf, tmp_path, core_cache):
     (tmp_path / "raising.py").write_text(RAISING)

@@ -92,6 +92,7 @@ def test_covariance_form_stops_at_first_bad_pivot(core_cache):
     assert found.run.P is None
 
 
+@pytest.mark.slow
 def test_bus_latency(core_cache):
     """The 2018 paper's bus: 15.6 clocks a word on average, whatever the core would allow."""
     params = replace(NANOSAT, pes=2)
