@@ -38,6 +38,14 @@ AIM, FAR = [3.5, 0.1], [3.5, 90.0]
 WIDE = {"noise": Noise.ADDITIVE, "W0": 0.25, "form": Form.COVARIANCE, "format": BINARY64}
 
 
+def _undo(ukf, _):
+    ukf.undo_predict()
+
+
+def _recover(ukf, _):
+    ukf.recover()
+
+
 class SingleWords:
     """A bus without transfers of many words, so that each word may be broken off."""
 
@@ -217,11 +225,9 @@ def allowed(libraries):
         if "iterate" in name:
             ways["predicted"] = [lambda ukf, _: ukf.predict(BAD_U if "bad f" in name else U2)]
         if reset and case.predicted and not case.redraw:
-            undo = lambda ukf, _: ukf.undo_predict()  # noqa: E731
-            ways |= {f"{way}, undone": [undo, *calls] for way, calls in ways.items()}
-        anew = lambda ukf, _: ukf.recover()  # noqa: E731
+            ways |= {f"{way}, undone": [_undo, *calls] for way, calls in ways.items()}
         # Sigma points drawn anew, after a reset of the core, differ by a rounding error.
-        ways |= {f"{way}, drawn anew": [*calls, anew] for way, calls in ways.items()}
+        ways |= {f"{way}, drawn anew": [*calls, _recover] for way, calls in ways.items()}
         found = {}
         for way, calls in ways.items():
             for lost in (False, True) if case.which == "f" else (False,):
